@@ -1,12 +1,12 @@
 """Fit and track a recorded take from Python: in this process, without a socket, frame by frame.
 
-README.md has an example. With the same actor and first pose, poses equal those of `xormocap track` with one
+README.md has an example. With the same actor and known poses, poses equal those of `xormocap track` with one
 to seven workers.
 """
 
 import json
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,12 +112,14 @@ def track(
     numbers = frames if frames is not None else range(take.settings.frames)
     if not 0 <= numbers.start < numbers.stop <= take.settings.frames or numbers.step != 1:
         raise UserError(f"{numbers}: expected frames within 0:{take.settings.frames}, those of {take.folder}")
-    made = make_segmenter(take, take.cameras, segmenter)
+    made, known = make_segmenter(take, take.cameras, segmenter), dict[int, Floats]()
     if isinstance(actor, TakeFit):
-        if first_pose is None and numbers.start in actor.frames:
-            first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]
+        table = actor.pose_table(take.settings.fps)
+        known = dict(zip(table.frames.tolist(), table.poses, strict=True))
         made, actor = made.knowing(actor.occluded, actor.colour_tables), actor.actor
-    return _tracked(take, actor, numbers, first_pose, made, search, engine)
+    if first_pose is not None:
+        known[numbers.start] = first_pose
+    return _tracked(take, actor, numbers, known, made, search, engine)
 
 
 def _check(take: Take, search: SearchSettings, engine: EngineSettings) -> None:
@@ -129,11 +131,12 @@ def _tracked(
     take: Take,
     actor: Actor,
     numbers: range,
-    first_pose: Floats | None,
+    known: Mapping[int, Floats],
     segmenter: Segmenter,
     search: SearchSettings,
     engine: EngineSettings,
 ) -> Iterator[TrackedFrame]:
+    first_pose, poses = known.get(numbers.start), [known.get(number) for number in numbers[1:]]
     rig, names, fps = Rig.of(take.cameras), [camera.name for camera in take.cameras], take.settings.fps
     hints, (height_px, width_px) = take.settings.beginning_at(numbers.start), rig.shape_px
     moments = segmenter.moments(numbers.start, numbers.stop)
@@ -146,29 +149,38 @@ def _tracked(
         )  # fmt: skip
         with closing(first.model.backend):
             if search.goes_both_ways:
-                solved = _both_ways(first, begun, seen, search, fps)
+                solved = _both_ways(first, begun, seen, poses, search, fps)
             else:
-                solved = _one_way(first, seen, search)
+                solved = _one_way(first, seen, poses, search)
             for number, solution in zip(numbers, solved, strict=True):
                 yield TrackedFrame(number, number / fps, solution)
 
 
-def _one_way(first: FirstFrame, seen: Iterable[TriPlanes], search: SearchSettings) -> Iterator[FrameSolution]:
-    """The solutions of the first frame and of those that follow, whose silhouettes are `seen` (P, H, W)."""
+def _one_way(
+    first: FirstFrame, seen: Iterable[TriPlanes], poses: Sequence[Floats | None], search: SearchSettings
+) -> Iterator[FrameSolution]:
+    """The solutions of the first frame and of those that follow, whose silhouettes are `seen` (P, H, W);
+    poses: (D,) those that are known of these."""
     yield first.solution
     tracker = Tracker(first.model, search, LocalLimbs(first.model), first.solution.pose[None])
-    yield from map(tracker.solve, seen)
+    for planes, known in zip(seen, poses, strict=True):
+        yield tracker.solve(planes, known=known)
 
 
 def _both_ways(
-    first: FirstFrame, begun: TriPlanes, seen: Iterable[TriPlanes], search: SearchSettings, fps: float
+    first: FirstFrame,
+    begun: TriPlanes,
+    seen: Iterable[TriPlanes],
+    poses: Sequence[Floats | None],
+    search: SearchSettings,
+    fps: float,
 ) -> Iterator[FrameSolution]:
     """The same after a way back; begun: the silhouettes of the first frame; fps: frames per second."""
     with closing(SilhouetteSpool()) as spool:
         spool.append(begun)
-        forward = list(_one_way(first, map(spool.append, seen), search))
-        poses = np.array([solution.pose for solution in forward])
-        for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, poses, fps):
+        forward = list(_one_way(first, map(spool.append, seen), poses, search))
+        found = np.array([solution.pose for solution in forward])
+        for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, found, fps):
             if step.solution is not None:
                 yield step.solution
 

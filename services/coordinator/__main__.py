@@ -22,10 +22,10 @@ from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose, read_colour_tables, read_occluded
+from services.mocap.take.fit_record import FIT_FOLDER, known_poses, read_colour_tables, read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.mocap.take.live import open_source
+from services.mocap.take.live import LiveTake, open_source
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
@@ -98,10 +98,11 @@ def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fit
     if actor is None:
         return Plan(take, frames, search, segmenter, None)
     fit_folder = fitted or take.folder / FIT_FOLDER
-    pose = fitted_pose(fit_folder, actor, take.settings, frames.start)
-    log.info("the first pose was %s", "fitted along with the actor" if pose is not None else "not fitted")
+    # Frames of live input are not those of the fit.
+    poses = {} if isinstance(take, LiveTake) else known_poses(fit_folder, actor, take.settings)
+    log.info("poses of %d frames are known from the fit of the actor", len(poses))
     occluded, tables = read_occluded(fit_folder, take.cameras), read_colour_tables(fit_folder, take.cameras)
-    return Plan(take, frames, search, segmenter, actor, pose, occluded, tables)
+    return Plan(take, frames, search, segmenter, actor, poses, occluded, tables)
 
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ class Opening:
             self._pool,
             self._engine,
             plan.settings.without_cameras(first.absent, plan.rig.n_cameras),
-            plan.fitted_pose,
+            plan.known_poses.get(plan.frames.start),
             plan.camera_names,
             self._rehearsed,
         )

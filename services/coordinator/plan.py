@@ -27,8 +27,8 @@ class Plan:
     """The option --segmenter: a run continues only with the same one."""
     actor: Actor | None
     """None: the generic body with the take's height, or with the height that fits the first frame."""
-    fitted_pose: Floats | None = None
-    """(D,) of the first frame, where it was found along with the actor."""
+    known_poses: Mapping[int, Floats] = field(default_factory=dict)
+    """The poses (D,) that came with the actor, by frame; their frames are searched from there, too."""
     occluded: Mapping[str, Mask] = field(default_factory=dict)
     """By camera the pixels (h, w) in which the fit found the actor hidden; these are unsure."""
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
@@ -64,7 +64,7 @@ class Plan:
             "search": self.settings.model_dump(mode="json"),
             "segmenter": self.segmenter,
             "actor": self.actor.content_hash if self.actor else None,
-            "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
+            "known_poses": {frame: pose.tolist() for frame, pose in self.known_poses.items()},
             "occluded": _hashes(self.occluded),
             "colour_tables": _hashes(self.colour_tables),
         }

@@ -132,7 +132,7 @@ class Session:
         frame, solution, tracking = found
         self._begin_live_settling(tracking)
         self._publish(self._plan.frames.start, frame, solution, tracking)
-        if self._plan.fitted_pose is None:  # else the fit has reported it
+        if self._plan.frames.start not in self._plan.known_poses:  # else the fit has reported it
             tracking.unsure.tell_first(frame.seen, solution.pose)
         return tracking
 
@@ -167,7 +167,8 @@ class Session:
         tracking.limbs.frame = number
         was_lost = tracker.is_lost
         with self._overhead.fitting():
-            solution = tracker.solve(frame.seen, frame.absent, hurried=frame.is_late)
+            known = self._plan.known_poses.get(number)
+            solution = tracker.solve(frame.seen, frame.absent, known, hurried=frame.is_late)
         if was_lost and not tracker.is_lost:
             self._incoming.catch_up()
         solution.seconds["overhead"] = self._overhead.of_frame()

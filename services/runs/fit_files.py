@@ -4,8 +4,6 @@ import csv
 import shutil
 from pathlib import Path
 
-import numpy as np
-
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
@@ -32,7 +30,7 @@ from services.mocap.take.fit_record import (
 )
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.mocap.take.tables import PoseTable, write_poses_csv
+from services.mocap.take.tables import write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
 from services.runs.take_fit import TakeFit, frames_in_words
@@ -44,9 +42,7 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
     Each file of an earlier fit is replaced atomically; other files stay.
     """
     (folder / RECORD).unlink(missing_ok=True)  # it says that the other files are complete
-    fit, frames = found.fit, np.array(found.frames, np.int32)
-    table = PoseTable(frames, frames / take.settings.fps, fit.poses, fit.after.energy_px)
-    write_poses_csv(folder / POSES, table)
+    write_poses_csv(folder / POSES, found.pose_table(take.settings.fps))
     with atomic_file(folder / MEASURES) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["measure", "cm", "uncertainty_cm", "how"])

@@ -30,6 +30,7 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
+from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, Floats, Ints, Mask
 from services.runs.motion_blur import cut_motion_blur
 from services.runs.reporting import Clock, Show, kept_warnings
@@ -102,7 +103,8 @@ def refine_take(
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
-        return replace(refined, occluded=occluded, colour_tables=tables)
+        run = _where_found(found)
+        return replace(refined, occluded=occluded, colour_tables=tables, run=run)
 
 
 def fit_other_way_round(
@@ -140,6 +142,14 @@ def _fitted(
     with clock.stage("fitting the actor") as progress:
         start = in_best_skirt(actor, poses, rig, seen)
         return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
+
+
+def _where_found(found: Result) -> PoseTable:
+    """The poses of a result, without those of frames in which the whole body is lost."""
+    kept, tracked = ~found.distrusted[:, _TORSO], found.tracked
+    return PoseTable(
+        tracked.frames[kept], tracked.times_s[kept], tracked.poses[kept], tracked.energies_px[kept]
+    )
 
 
 def look_over(

@@ -4,6 +4,8 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import Measure, measure, with_uncertainties
 from services.mocap.camera.camera import Camera
@@ -14,6 +16,7 @@ from services.mocap.search.model import model_on_cpu
 from services.mocap.search.unsure_parts import untold_parts
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
+from services.mocap.take.tables import PoseTable
 from services.mocap.types import Bytes, Floats, Mask
 
 log = logging.getLogger(__name__)
@@ -56,6 +59,20 @@ class TakeFit:
     """By camera the pixels (h, w) in which something hides the actor, found by fitting or by tracking."""
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as tracking told them."""
+    run: PoseTable | None = None
+    """The poses of the run that it started from, without frames in which the whole body was lost."""
+
+    def pose_table(self, fps: float) -> PoseTable:
+        """The poses that are known: the fitted ones, and of other frames those of the run."""
+        frames, poses = np.array(self.frames, np.int32), self.fit.poses
+        energies_px = self.fit.after.energy_px
+        if self.run is not None:
+            others = ~np.isin(self.run.frames, frames)
+            frames = np.concatenate([frames, self.run.frames[others]])
+            poses = np.concatenate([poses, self.run.poses[others]])
+            energies_px = np.concatenate([energies_px, self.run.energies_px[others]])
+        order = np.argsort(frames)
+        return PoseTable(frames[order], frames[order] / fps, poses[order], energies_px[order])
 
     @property
     def is_refined(self) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from replaced_fit import FILES
 from services.mocap.errors import TakeError
 from services.mocap.take.actor_file import read_actor
-from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
+from services.mocap.take.fit_record import OCCLUDED, known_poses, read_occluded, read_record
 from services.mocap.take.folder import open_take
 from services.mocap.types import UNSURE, Mask
 from services.runs.fit_files import write_fit
@@ -26,10 +26,9 @@ def test_all_files_are_written_and_belong_together(walk: Path, walk_fit: TakeFit
         assert {path.name for path in out.iterdir()} == FILES
     actor = read_actor(out / "actor.toml")
     assert actor == walk_fit.actor
-    for frame in range(3):
-        pose = fitted_pose(out, actor, take.settings, frame)
-        assert pose is not None
-        assert np.allclose(pose, walk_fit.fit.poses[frame], atol=1e-6)
+    poses = known_poses(out, actor, take.settings)
+    assert list(poses) == [0, 1, 2]
+    assert np.allclose(list(poses.values()), walk_fit.fit.poses, atol=1e-6)
     record = read_record(out)
     assert record is not None
     assert record.iou_after.keys() == {"cam01", "cam02", "cam03"}

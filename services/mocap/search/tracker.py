@@ -4,6 +4,8 @@ import logging
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
@@ -62,13 +64,15 @@ class Tracker:
         self,
         seen: TriPlanes,
         absent: Collection[int] = (),
+        known: Floats | None = None,
         *,
         thorough: bool = False,
         hurried: bool = False,
     ) -> FrameSolution:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
-        absent: cameras that are not used. thorough: as in solve_by_contours. hurried: limbs are not searched,
+        absent: cameras that are not used. known: a pose (D,) to begin with, too, as an earlier run found it
+        for this frame. thorough: as in solve_by_contours. hurried: limbs are not searched,
         which takes several times as long as the rest. While the actor is lost, the torso is unreliable, which
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
@@ -77,6 +81,8 @@ class Tracker:
         picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
         starts = extrapolated(self._poses[-2:])
+        if known is not None:
+            starts = np.vstack([starts, known])
 
         def solved(by: SearchSettings) -> FrameSolution:
             return solve_frame(self._model, picture, starts, by, self._limbs, self._trust, thorough=thorough)

@@ -86,18 +86,17 @@ def was_refined(folder: Path, actor: Actor) -> bool | None:
     return record.is_refined if record is not None and record.actor == actor.content_hash else None
 
 
-def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) -> Floats | None:
-    """The pose (D,) of a frame that a fit found for this very actor; None where there is none.
+def known_poses(folder: Path, actor: Actor, settings: TakeSettings) -> dict[int, Floats]:
+    """The poses (D,) that a fit has for this very actor, by frame; empty where there are none.
 
-    A pose from a fit with other hints in take.toml is not used. Raises TakeError if the files of the fit
+    Poses from a fit with other hints in take.toml are not used. Raises TakeError if the files of the fit
     cannot be used.
     """
     record = read_record(folder)
     if record is None or record.actor != actor.content_hash or record.hints != hints_of(settings):
-        return None
+        return {}
     table = read_poses_csv(folder / POSES)
-    rows = np.flatnonzero(table.frames == frame)
-    return table.poses[rows[0]] if rows.size else None
+    return dict(zip(table.frames.tolist(), table.poses, strict=True))
 
 
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:

@@ -15,8 +15,8 @@ from services.mocap.take.fit_record import (
     POSES,
     RECORD,
     FitRecord,
-    fitted_pose,
     hints_of,
+    known_poses,
     read_colour_tables,
     read_record,
     was_refined,
@@ -56,11 +56,10 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("frame", range(3))
-def test_a_frames_pose_is_found(folder: Path, frame: int) -> None:
-    pose = fitted_pose(folder, ACTOR, _settings(facing=30.0), frame)
-    assert pose is not None
-    assert np.allclose(pose, POSE_TABLE.poses[frame], atol=1e-6)
+def test_the_poses_are_found_by_frame(folder: Path) -> None:
+    poses = known_poses(folder, ACTOR, _settings(facing=30.0))
+    assert list(poses) == [0, 1, 2]
+    assert np.allclose(list(poses.values()), POSE_TABLE.poses, atol=1e-6)
 
 
 def test_it_is_known_whether_a_body_was_fitted_to_the_whole_take(folder: Path) -> None:
@@ -73,26 +72,25 @@ def test_it_is_known_whether_a_body_was_fitted_to_the_whole_take(folder: Path) -
     assert was_refined(folder, ACTOR) is True
 
 
-def test_none_for_other_frames_actors_and_hints(folder: Path, tmp_path: Path) -> None:
+def test_there_are_none_for_other_actors_and_hints(folder: Path, tmp_path: Path) -> None:
     told = _settings(facing=30.0)
-    assert fitted_pose(folder, ACTOR, told, 3) is None
-    assert fitted_pose(folder, Actor(height=1.81), told, 0) is None
-    assert fitted_pose(folder, ACTOR, _settings(facing=210.0), 0) is None
-    assert fitted_pose(folder, ACTOR, _settings(facing=30.0, initial_pose={"root_z_m": 0.9}), 0) is None
-    assert fitted_pose(tmp_path / "nowhere", ACTOR, told, 0) is None
+    assert known_poses(folder, Actor(height=1.81), told) == {}
+    assert known_poses(folder, ACTOR, _settings(facing=210.0)) == {}
+    assert known_poses(folder, ACTOR, _settings(facing=30.0, initial_pose={"root_z_m": 0.9})) == {}
+    assert known_poses(tmp_path / "nowhere", ACTOR, told) == {}
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1", '{"actor": "me"}'])
 def test_a_damaged_record_is_said(folder: Path, text: str) -> None:
     (folder / RECORD).write_text(text)
     with pytest.raises(TakeError, match=r"fit\.json: is not a file of xormocap fit"):
-        fitted_pose(folder, ACTOR, _settings(), 0)
+        known_poses(folder, ACTOR, _settings())
 
 
 def test_missing_poses_are_said(folder: Path) -> None:
     (folder / POSES).unlink()
     with pytest.raises(TakeError, match=r"poses\.csv: is missing"):
-        fitted_pose(folder, ACTOR, _settings(facing=30.0), 0)
+        known_poses(folder, ACTOR, _settings(facing=30.0))
 
 
 def _camera(name: str) -> Camera:
