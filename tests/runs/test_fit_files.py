@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from replaced_fit import FILES
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import TakeError
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.fit_record import OCCLUDED, known_poses, read_occluded, read_record
 from services.mocap.take.folder import open_take
+from services.mocap.take.tables import PoseTable
 from services.mocap.types import UNSURE, Mask
 from services.runs.fit_files import write_fit
 from services.runs.take_fit import TakeFit
@@ -33,6 +35,18 @@ def test_all_files_are_written_and_belong_together(walk: Path, walk_fit: TakeFit
     assert record is not None
     assert record.iou_after.keys() == {"cam01", "cam02", "cam03"}
     assert record.energy_before_px == walk_fit.fit.before.energy_px.tolist()
+
+
+def test_poses_of_a_run_are_kept_for_frames_that_were_not_fitted(
+    walk: Path, walk_fit: TakeFit, tmp_path: Path
+) -> None:
+    take, frames = open_take(walk), np.arange(5, dtype=np.int32)
+    run = PoseTable(frames, frames / take.settings.fps, np.full((5, N_DOF), 0.25), np.full(5, 900.0))
+    write_fit(take, replace(walk_fit, run=run), tmp_path)
+    poses = known_poses(tmp_path, walk_fit.actor, take.settings)
+    assert list(poses) == [0, 1, 2, 3, 4]
+    assert np.allclose([poses[frame] for frame in range(3)], walk_fit.fit.poses, atol=1e-6)
+    assert np.all([poses[3] == 0.25, poses[4] == 0.25])
 
 
 def test_what_hides_the_actor_is_kept_with_the_fit(walk: Path, walk_fit: TakeFit, tmp_path: Path) -> None:

@@ -62,6 +62,18 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     assert abs(after.pose[0] - moved[0]) < 0.01
 
 
+def test_a_pose_that_an_earlier_run_found_is_begun_with(model: Model) -> None:
+    """An alignment alone cannot follow an actor who turns round while he jumps aside."""
+    here, there = _pose(model, 0.0, 0.5), _pose(model, 0.6, -2.0)
+    tracker = Tracker(model, SearchSettings(search_limbs="never"), LocalLimbs(model), here[None])
+    found = tracker.solve(_drawn(model, there), known=there)
+    off_m = np.diff(joint_positions(np.stack([found.pose, there]), model.body.offsets_m), axis=0)
+    assert 1000 * np.linalg.norm(off_m, axis=-1).max() < 10
+    assert found.distrusted == []
+    wrong = tracker.solve(_drawn(model, there), known=here)
+    np.testing.assert_allclose(wrong.pose, found.pose, atol=0.01)
+
+
 def test_a_late_frame_is_solved_in_a_hurry(model: Model) -> None:
     """No limb is searched in it, unless the body would be lost otherwise."""
     here, away = _pose(model, 0.0, 0.5), _pose(model, 0.6, -2.0)
