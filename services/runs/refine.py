@@ -103,7 +103,7 @@ def refine_take(
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
-        run = _where_found(found)
+        run = _unmarked(found)
         return replace(refined, occluded=occluded, colour_tables=tables, run=run)
 
 
@@ -144,9 +144,9 @@ def _fitted(
         return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
 
 
-def _where_found(found: Result) -> PoseTable:
-    """The poses of a result, without those of frames in which the whole body is lost."""
-    kept, tracked = ~found.distrusted[:, _TORSO], found.tracked
+def _unmarked(found: Result) -> PoseTable:
+    """The poses of a result in frames that have no mark."""
+    kept, tracked = ~found.distrusted.any(axis=1), found.tracked
     return PoseTable(
         tracked.frames[kept], tracked.times_s[kept], tracked.poses[kept], tracked.energies_px[kept]
     )
