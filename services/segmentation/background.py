@@ -61,7 +61,8 @@ class CameraBackground:
 
     def plate(self) -> Plate:
         """The camera's plate, moved to where its pictures are if the camera was touched since."""
-        shift_px = self._shift_px()
+        first = self._first_picture()
+        shift_px = self._shift_px(first)
         if shift_px != (0.0, 0.0):
             log.warning(
                 "%s/background: clean plate of %s lies %.1f px beside the pictures and was moved: the camera "
@@ -69,15 +70,18 @@ class CameraBackground:
                 "(xormocap calibrate --check)",
                 self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
             )  # fmt: skip
-        return Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY)
+        return Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY, first)
 
-    def _shift_px(self) -> tuple[float, float]:
-        """The shift (right, down) that aligns a recorded clean plate with the take's first picture."""
+    def _first_picture(self) -> Bytes | None:
+        """The take's first picture (H, W, 3), to compare a recorded clean plate with; None without them."""
         if not self.is_recorded or not self.take.has_video(self.camera):
-            return 0.0, 0.0
+            return None
         with self.take.video(self.camera, 0, 1) as video:
-            first = next(iter(video), None)
-        plate = next(iter(self.take.background(self.camera)), None)
+            return next(iter(video), None)
+
+    def _shift_px(self, first: Bytes | None) -> tuple[float, float]:
+        """The shift (right, down) that aligns a recorded clean plate with the take's first picture."""
+        plate = next(iter(self.take.background(self.camera)), None) if first is not None else None
         if first is None or plate is None or first.shape != plate.shape:
             return 0.0, 0.0
         return plate_shift_px(plate, first)

@@ -27,6 +27,8 @@ _PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS = (0.1, 0.8), (5.0, _NOISE_FLOOR_LEVELS
 compresses, the less noise of a still scene is left, and the larger are its errors where something moves."""
 _CLIPPED = (1, 254)
 """Levels from which on noise is cut off."""
+_MAD_SIGMA = np.float32(1.4826)
+"""Standard deviation of normal noise over the median of its absolute value."""
 _ASSUMED_NOISE_LEVELS = 2.5
 """Deviation per channel, assumed where the plate is a single picture."""
 _PRIOR_FRAMES = 10.0
@@ -63,10 +65,17 @@ class Plate:
     gauge: Gauge
 
     @staticmethod
-    def learn(frames: Iterable[Bytes], light_uncertainty: float = 0.0, *, of_codec: bool = True) -> "Plate":
+    def learn(
+        frames: Iterable[Bytes],
+        light_uncertainty: float = 0.0,
+        picture: Bytes | None = None,
+        *,
+        of_codec: bool = True,
+    ) -> "Plate":
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
         light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
+        picture: (H, W, 3) of the take, which may have more noise than the plate.
         of_codec: whether pictures may differ from the plate by errors of a codec that it does not show.
 
         Flicker between the frames is removed first, so that it does not count as noise. Each pixel's
@@ -74,6 +83,8 @@ class Plate:
         no frames or their sizes differ.
         """
         mean, covariance = _statistics(frames, of_codec=of_codec)
+        if picture is not None and picture.shape[:2] == mean.shape[1:]:
+            _add_lacking_noise(picture, mean, covariance)
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
@@ -140,6 +151,24 @@ def _statistics(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, Lev
     height, width = first.shape[:2]
     mean = np.moveaxis(first, 2, 0) + shift.reshape(3, height, width)
     return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
+
+
+def _add_lacking_noise(picture: Bytes, mean: Levels, covariance: Levels) -> None:
+    """Add to a covariance (6, H, W) about a mean (3, H, W) the noise that a picture (H, W, 3) has beyond it.
+
+    Noise is told by how far most pixels are off the plate, beside their neighbours: light and an actor in the
+    picture hardly change that.
+    """
+    expected = np.moveaxis(mean, 0, 2)
+    expected = expected * Gauge.on(expected).gains(picture)
+    off = picture - expected
+    off -= cv2.blur(off, (3, 3))  # which leaves 8/9 of the noise's variance
+    is_whole = ((picture > _CLIPPED[0]) & (picture < _CLIPPED[1])).all(axis=2)
+    if not is_whole.any():
+        return
+    noise2 = 9 / 8 * (_MAD_SIGMA * np.median(np.abs(off[is_whole]), axis=0)) ** 2
+    for diagonal, seen in zip((BB, GG, RR), noise2, strict=True):
+        covariance[diagonal] += max(float(seen - np.median(covariance[diagonal])), 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

@@ -17,7 +17,7 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import VideoIndex
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
-from services.segmentation.background import keeping_looks, quick_looks, shrunk
+from services.segmentation.background import CameraBackground, keeping_looks, quick_looks, shrunk
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
@@ -98,3 +98,18 @@ def test_somebody_in_a_plate_is_said(
         assert sentences[0].startswith(f"{folder}/background: clean plate of cam02: {said}")
         if not moves:
             assert "about column 52, row 30)" in sentences[0]
+
+
+def test_noise_of_the_videos_counts_where_the_plate_is_clean(small_take: SmallTake) -> None:
+    """A plate from a photograph, for example, or at another sensitivity than the take."""
+    folder, rng = small_take(frames=4), np.random.default_rng(2)
+    video = folder / "videos/cam02.mp4"
+    with VideoReader(video) as reader:
+        pictures = [picture.copy() for picture in reader]
+    with video_writer(video, 64, 48, 10.0) as writer:
+        for picture in pictures:
+            noisy = picture + rng.normal(0, 12, picture.shape)
+            writer.write(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    take = open_take(folder)
+    clean, noisy_plate = (CameraBackground(take, camera).plate() for camera in take.cameras[:2])
+    assert noisy_plate.usual_noise2 > 2 * clean.usual_noise2

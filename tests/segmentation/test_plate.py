@@ -127,9 +127,9 @@ def test_an_empty_plate_is_refused() -> None:
         Plate.learn([])
 
 
-def deviation_of(frames: Sequence[Bytes], *, of_codec: bool = True) -> float:
+def deviation_of(frames: Sequence[Bytes], *, of_codec: bool = True, picture: Bytes | None = None) -> float:
     """The blue channel's, in levels, in the middle of the picture."""
-    known = Plate.learn(frames, of_codec=of_codec)
+    known = Plate.learn(frames, 0.0, picture, of_codec=of_codec)
     return float(1 / whitening_of(known)[HEIGHT // 2, WIDTH // 2, 0, 0])
 
 
@@ -139,6 +139,18 @@ def test_a_plate_without_noise_was_compressed() -> None:
     assert deviation_of(still) == pytest.approx(5.0, rel=0.01)
     assert deviation_of(still, of_codec=False) == pytest.approx(1.5, rel=0.01)
     assert np.array_equal(Plate.learn(noisy).whitening, Plate.learn(noisy, of_codec=False).whitening)
+
+
+@pytest.mark.parametrize("noise", [5.0, 9.0])
+def test_noise_that_a_picture_of_the_take_has_and_the_plate_lacks_is_expected(noise: float) -> None:
+    """Also where a quarter of the picture is actor, and the light has changed."""
+    frames, rng = plate_frames(12, noise=1.0), np.random.default_rng(6)
+    shown = wall()
+    shown[disc(80)] = COLOURS["red"]
+    usual = deviation_of(frames, picture=exposed(shown, rng, 0.9, 1.0))
+    assert usual == deviation_of(frames)
+    found = deviation_of(frames, picture=exposed(shown, rng, 0.9, noise))
+    assert found == pytest.approx(np.hypot(noise, noise / 3), rel=0.15)
 
 
 @pytest.mark.parametrize("level", [0, 255])
