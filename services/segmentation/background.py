@@ -70,7 +70,14 @@ class CameraBackground:
                 "(xormocap calibrate --check)",
                 self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
             )  # fmt: skip
-        return Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY, first)
+        plate = Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY, first)
+        if plate.has_other_tone:
+            log.warning(
+                "%s/background: clean plate of %s has another contrast than the videos, to which it was "
+                "adapted: record it with the same camera and settings, and as a video",
+                self.take.folder, self.camera.name,
+            )  # fmt: skip
+        return plate
 
     def _first_picture(self) -> Bytes | None:
         """The take's first picture (H, W, 3), to compare a recorded clean plate with; None without them."""

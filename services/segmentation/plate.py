@@ -12,6 +12,7 @@ from services.mocap.errors import UserError
 from services.mocap.types import Bytes
 from services.segmentation.light import Gauge
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
+from services.segmentation.plate_tone import plate_tone
 
 LIGHT_UNCERTAINTY = 0.012
 """Share of a pixel's brightness by which its light may still differ, in patches smaller than the light field
@@ -63,6 +64,8 @@ class Plate:
     log_span: Levels
     """(H, W) logarithm of a density of one darkness over that of any darkness that shadows have."""
     gauge: Gauge
+    has_other_tone: bool
+    """Whether its contrast was another one than that of the take's pictures, and was changed to that."""
 
     @staticmethod
     def learn(
@@ -75,7 +78,7 @@ class Plate:
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
         light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
-        picture: (H, W, 3) of the take, which may have more noise than the plate.
+        picture: (H, W, 3) of the take, which may have another contrast and more noise than the plate.
         of_codec: whether pictures may differ from the plate by errors of a codec that it does not show.
 
         Flicker between the frames is removed first, so that it does not count as noise. Each pixel's
@@ -83,7 +86,12 @@ class Plate:
         no frames or their sizes differ.
         """
         mean, covariance = _statistics(frames, of_codec=of_codec)
+        tone = None
         if picture is not None and picture.shape[:2] == mean.shape[1:]:
+            tone = plate_tone(mean, picture)
+            if tone is not None:
+                mean, slopes = tone.of(mean)
+                covariance *= np.stack([slopes[i] * slopes[j] for i, j in _PAIRS])
             _add_lacking_noise(picture, mean, covariance)
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
@@ -98,6 +106,7 @@ class Plate:
             log_span=np.log(_ROOT_TWO_PI * turn_noise / (_SHADOW_SPAN * brightness + 1)),
             log_peak=np.log(whitening[BB] * whitening[GG] * whitening[RR]) - _LOG_GAUSSIAN,
             gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
+            has_other_tone=tone is not None,
         )
 
     @cached_property

@@ -113,3 +113,21 @@ def test_noise_of_the_videos_counts_where_the_plate_is_clean(small_take: SmallTa
     take = open_take(folder)
     clean, noisy_plate = (CameraBackground(take, camera).plate() for camera in take.cameras[:2])
     assert noisy_plate.usual_noise2 > 2 * clean.usual_noise2
+
+
+def test_a_plate_of_another_contrast_is_adapted_and_said(
+    small_take: SmallTake, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = small_take(frames=12)
+
+    def paint(_: int, picture: Bytes) -> None:
+        picture[:] = np.rint(90 + 0.4 * picture)
+
+    repaint_plate(folder, paint)
+    take = open_take(folder)
+    with caplog.at_level(logging.WARNING):
+        make_segmenter(take, take.cameras, "clean-plate")
+    (sentence,) = [record.getMessage() for record in caplog.records]
+    assert sentence.startswith(
+        f"{folder}/background: clean plate of cam02 has another contrast than the videos, to which it was "
+    )
