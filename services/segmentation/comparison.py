@@ -24,6 +24,7 @@ from services.segmentation.cleanup import SPECK_AREA_PPM, Part, box_of, drop_spe
 from services.segmentation.light import light_field
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO, MOST_RATIO, Plate, check_size
+from services.segmentation.plate_shift import shifted
 
 UNSEEN, UNCHANGED, CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW = range(5)
 """State of a pixel: not examined; lit stage; changed; possibly a shadow's edge; possibly shadow."""
@@ -52,6 +53,9 @@ class Comparison:
 
     plate: Plate
 
+    most_shifted_px: float = 0.0
+    """How far any picture so far was off the plate, before it was moved back."""
+
     def __post_init__(self) -> None:
         shape = self.plate.shape
         self.channels: Bytes = np.empty((3, *shape), np.uint8)
@@ -68,10 +72,14 @@ class Comparison:
         """(H, W) what a pixel shows, UNSEEN to PERHAPS_SHADOW."""
 
     def look(self, image_bgr: Bytes) -> None:
-        """Compare a picture (H, W, 3) with the plate; raises UserError if its size differs."""
+        """Compare a picture (H, W, 3), moved back where a camera shakes, with the plate; raises UserError if
+        its size differs."""
         plate = self.plate
         height, width = plate.shape
         check_size(image_bgr, plate.shape, "image", "the clean plate")
+        shift_px = plate.anchors.shift_px(image_bgr)
+        self.most_shifted_px = max(self.most_shifted_px, float(np.hypot(*shift_px)))
+        image_bgr = next(shifted([image_bgr], (-shift_px[0], -shift_px[1])))
         gains = plate.gauge.gains(image_bgr)
         cv2.split(image_bgr, list(self.channels))
         light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])

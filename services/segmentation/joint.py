@@ -113,6 +113,11 @@ class JointMatte:
         """Per camera (H, W): where an object was added or removed since the plate was recorded."""
         return [learnt.moved for learnt in self._learnt]
 
+    @property
+    def most_shifted_px(self) -> list[float]:
+        """Per camera how far any of its pictures so far was off the plate, before it was moved back."""
+        return [compared.most_shifted_px for compared in self._compared]
+
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Collect the certain actor pixels in pictures; `conclude` puts them to use."""
         there = self._compare(images_bgr)

@@ -19,6 +19,8 @@ _MOST_RUNS = 4
 _MOST_DECODED = 48
 """Frames decoded per camera, in total."""
 _FLOOR_MOMENTS = 4
+_SHAKES_PX = 0.5
+"""Shifts of pictures against the plate that are said."""
 _LIVE_EVERY = 5
 """At first, one of so many live shots is learnt from."""
 _LIVE_CONCLUSIONS = 6
@@ -36,6 +38,17 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
     matte.settle_floor(floor_moments)
     matte.learn_all(lambda: _moments(take, cameras))
     _tell_moved(f"{take.folder}: ", [camera.name for camera in cameras], matte.moved)
+    shaking = [
+        f"{camera.name} by up to {shift_px:.1f} px"
+        for camera, shift_px in zip(cameras, matte.most_shifted_px, strict=True)
+        if shift_px > _SHAKES_PX
+    ]
+    if shaking:
+        log.warning(
+            "%s: cameras shake, or steady their pictures themselves (%s): the pictures are moved back to the "
+            "clean plates; use firm tripods without stabilisation",
+            take.folder, ", ".join(shaking),
+        )  # fmt: skip
 
 
 def _tell_moved(where: str, cameras: Sequence[str], moved: Sequence[Mask]) -> None:

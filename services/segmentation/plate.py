@@ -13,6 +13,7 @@ from services.mocap.types import Bytes
 from services.segmentation.light import Gauge
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 from services.segmentation.plate_tone import plate_tone
+from services.segmentation.steadying import Anchors
 
 LIGHT_UNCERTAINTY = 0.012
 """Share of a pixel's brightness by which its light may still differ, in patches smaller than the light field
@@ -64,6 +65,7 @@ class Plate:
     log_span: Levels
     """(H, W) logarithm of a density of one darkness over that of any darkness that shadows have."""
     gauge: Gauge
+    anchors: Anchors
     has_other_tone: bool
     """Whether its contrast was another one than that of the take's pictures, and was changed to that."""
 
@@ -106,6 +108,7 @@ class Plate:
             log_span=np.log(_ROOT_TWO_PI * turn_noise / (_SHADOW_SPAN * brightness + 1)),
             log_peak=np.log(whitening[BB] * whitening[GG] * whitening[RR]) - _LOG_GAUSSIAN,
             gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
+            anchors=Anchors.on(np.moveaxis(mean, 0, 2)),
             has_other_tone=tone is not None,
         )
 

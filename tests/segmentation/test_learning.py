@@ -57,6 +57,10 @@ class Pupil(JointMatte):
         self.done.append("conclude")
 
     @property
+    def most_shifted_px(self) -> list[float]:
+        return [0.0, 0.0]
+
+    @property
     def moved(self) -> list[Mask]:
         return [np.full((2, 2), self.has_moved)] * 2
 
