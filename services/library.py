@@ -104,7 +104,8 @@ def track(
     Frames come once all are solved, since they are tracked both ways; with SearchSettings(both_ways=False)
     each comes as soon as it is solved.
 
-    first_pose: (D,) of the first of these frames, where it is known; a fit knows those of its own frames.
+    first_pose: (D,) of the first of these frames, where it is known. A fit knows those of its own frames, and
+    a refined one those of its result.
     Raises UserError for frames that the take does not have, and settings or a segmenter that do not suit it
     or cannot run here. The first frame raises TakeError where nobody is to be seen in it.
     """
@@ -114,8 +115,7 @@ def track(
         raise UserError(f"{numbers}: expected frames within 0:{take.settings.frames}, those of {take.folder}")
     made, known = make_segmenter(take, take.cameras, segmenter), dict[int, Floats]()
     if isinstance(actor, TakeFit):
-        table = actor.pose_table(take.settings.fps)
-        known = dict(zip(table.frames.tolist(), table.poses, strict=True))
+        known = actor.pose_table(take.settings.fps).by_frame()
         made, actor = made.knowing(actor.occluded, actor.colour_tables), actor.actor
     if first_pose is not None:
         known[numbers.start] = first_pose

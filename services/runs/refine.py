@@ -103,8 +103,7 @@ def refine_take(
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
-        run = _unmarked(found)
-        return replace(refined, occluded=occluded, colour_tables=tables, run=run)
+        return replace(refined, occluded=occluded, colour_tables=tables, run_poses=_unmarked(found))
 
 
 def fit_other_way_round(

@@ -59,18 +59,18 @@ class TakeFit:
     """By camera the pixels (h, w) in which something hides the actor, found by fitting or by tracking."""
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as tracking told them."""
-    run: PoseTable | None = None
+    run_poses: PoseTable | None = None
     """The poses of the run that it started from, of frames that it did not mark."""
 
     def pose_table(self, fps: float) -> PoseTable:
         """The poses that are known: the fitted ones, and of other frames those of the run."""
         frames, poses = np.array(self.frames, np.int32), self.fit.poses
         energies_px = self.fit.after.energy_px
-        if self.run is not None:
-            others = ~np.isin(self.run.frames, frames)
-            frames = np.concatenate([frames, self.run.frames[others]])
-            poses = np.concatenate([poses, self.run.poses[others]])
-            energies_px = np.concatenate([energies_px, self.run.energies_px[others]])
+        if self.run_poses is not None:
+            others = ~np.isin(self.run_poses.frames, frames)
+            frames = np.concatenate([frames, self.run_poses.frames[others]])
+            poses = np.concatenate([poses, self.run_poses.poses[others]])
+            energies_px = np.concatenate([energies_px, self.run_poses.energies_px[others]])
         order = np.argsort(frames)
         return PoseTable(frames[order], frames[order] / fps, poses[order], energies_px[order])
 

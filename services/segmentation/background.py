@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -20,6 +21,8 @@ log = logging.getLogger(__name__)
 
 _UNSURE = 0.1
 """Share of the part where anything moves; with more in doubt the plate is likely to contain the actor."""
+_SHAKES_PX, _SHAKES_WITHIN = 0.5, 10
+"""A camera shakes if the shift differs by more in so many frames."""
 _LOOK_WIDTH_PX = 160
 _MOST_DECODED = 48
 """Frames that quick looks decode, in total."""
@@ -74,7 +77,7 @@ class CameraBackground:
         if plate.has_other_tone:
             log.warning(
                 "%s/background: clean plate of %s has another contrast than the videos, to which it was "
-                "adapted: record it with the same camera and settings, and as a video",
+                "adapted: record it with the same settings, as a video, and in the same light",
                 self.take.folder, self.camera.name,
             )  # fmt: skip
         return plate
@@ -87,11 +90,20 @@ class CameraBackground:
             return next(iter(video), None)
 
     def _shift_px(self, first: Bytes | None) -> tuple[float, float]:
-        """The shift (right, down) that aligns a recorded clean plate with the take's first picture."""
+        """The shift (right, down) that aligns a recorded clean plate with the take's first pictures.
+
+        (0, 0) if it differs between them: cameras that shake are left to services.segmentation.steadying.
+        """
         plate = next(iter(self.take.background(self.camera)), None) if first is not None else None
         if first is None or plate is None or first.shape != plate.shape:
             return 0.0, 0.0
-        return plate_shift_px(plate, first)
+        found = plate_shift_px(plate, first)
+        if found == (0.0, 0.0):
+            return found
+        with self.take.video(self.camera, 1, min(_SHAKES_WITHIN, self.take.settings.frames)) as video:
+            further = [plate_shift_px(plate, picture) for picture in islice(video, 2, None, 3)]
+        is_steady = all(np.hypot(x - found[0], y - found[1]) < _SHAKES_PX for x, y in further)
+        return found if is_steady else (0.0, 0.0)
 
     def check(self) -> None:
         """Warn if a recorded clean plate, already learnt, is not clean."""

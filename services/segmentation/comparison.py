@@ -53,9 +53,6 @@ class Comparison:
 
     plate: Plate
 
-    most_shifted_px: float = 0.0
-    """How far any picture so far was off the plate, before it was moved back."""
-
     def __post_init__(self) -> None:
         shape = self.plate.shape
         self.channels: Bytes = np.empty((3, *shape), np.uint8)
@@ -77,9 +74,8 @@ class Comparison:
         plate = self.plate
         height, width = plate.shape
         check_size(image_bgr, plate.shape, "image", "the clean plate")
-        shift_px = plate.anchors.shift_px(image_bgr)
-        self.most_shifted_px = max(self.most_shifted_px, float(np.hypot(*shift_px)))
-        image_bgr = next(shifted([image_bgr], (-shift_px[0], -shift_px[1])))
+        right_px, down_px = plate.anchors.shift_px(image_bgr)
+        image_bgr = next(shifted([image_bgr], (-right_px, -down_px)))
         gains = plate.gauge.gains(image_bgr)
         cv2.split(image_bgr, list(self.channels))
         light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])

@@ -113,10 +113,10 @@ class JointMatte:
         """Per camera (H, W): where an object was added or removed since the plate was recorded."""
         return [learnt.moved for learnt in self._learnt]
 
-    @property
-    def most_shifted_px(self) -> list[float]:
-        """Per camera how far any of its pictures so far was off the plate, before it was moved back."""
-        return [compared.most_shifted_px for compared in self._compared]
+    def shifts_px(self, images_bgr: Mapping[int, Bytes]) -> list[float]:
+        """By how much pictures of all cameras are off their plates; they are moved back before any work."""
+        plates = (compared.plate for compared in self._compared)
+        return [float(np.hypot(*plate.anchors.shift_px(images_bgr[c]))) for c, plate in enumerate(plates)]
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Collect the certain actor pixels in pictures; `conclude` puts them to use."""
@@ -130,7 +130,8 @@ class JointMatte:
             if self._floor is not None:
                 in_shadow &= shadow_priors[c] >= _LIKELY_SHADOW
             changed: Mask = (compared.change > _SURELY_CHANGED) & ~in_shadow
-            self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
+            steadied = np.ascontiguousarray(np.moveaxis(compared.channels, 0, 2))
+            self._learnt[c].add(steadied, classes[c], changed, compared.change < _SURELY_SAME)
             return changed
 
         changed = side_by_side(add, shadow_priors)

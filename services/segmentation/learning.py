@@ -38,15 +38,21 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
     matte.settle_floor(floor_moments)
     matte.learn_all(lambda: _moments(take, cameras))
     _tell_moved(f"{take.folder}: ", [camera.name for camera in cameras], matte.moved)
+    _tell_shaking(take, cameras, [matte.shifts_px(images) for images in floor_moments])
+
+
+def _tell_shaking(take: Take, cameras: Sequence[Camera], shifts_px: Sequence[Sequence[float]]) -> None:
+    """Warn of cameras whose pictures are usually off the plate, by shifts (M, C) at some moments."""
+    usual_px = np.median(shifts_px, axis=0) if shifts_px else np.zeros(len(cameras))
     shaking = [
-        f"{camera.name} by up to {shift_px:.1f} px"
-        for camera, shift_px in zip(cameras, matte.most_shifted_px, strict=True)
-        if shift_px > _SHAKES_PX
+        f"{camera.name} by {px:.1f} px"
+        for camera, px in zip(cameras, usual_px, strict=True)
+        if px > _SHAKES_PX
     ]
     if shaking:
         log.warning(
-            "%s: cameras shake, or steady their pictures themselves (%s): the pictures are moved back to the "
-            "clean plates; use firm tripods without stabilisation",
+            "%s: cameras shake, or steady their pictures themselves (%s): the pictures are moved back to "
+            "where the empty stage was seen; use firm tripods without stabilisation",
             take.folder, ", ".join(shaking),
         )  # fmt: skip
 

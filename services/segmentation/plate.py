@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Mask
 from services.segmentation.light import Gauge
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 from services.segmentation.plate_tone import plate_tone
@@ -29,6 +29,8 @@ _PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS = (0.1, 0.8), (5.0, _NOISE_FLOOR_LEVELS
 compresses, the less noise of a still scene is left, and the larger are its errors where something moves."""
 _CLIPPED = (1, 254)
 """Levels from which on noise is cut off."""
+_LEAST_WHOLE = 0.2
+"""Share of the picture; if fewer pixels of a stage are not clipped, the actor's are most of them."""
 _MAD_SIGMA = np.float32(1.4826)
 """Standard deviation of normal noise over the median of its absolute value."""
 _ASSUMED_NOISE_LEVELS = 2.5
@@ -88,13 +90,13 @@ class Plate:
         no frames or their sizes differ.
         """
         mean, covariance = _statistics(frames, of_codec=of_codec)
-        tone = None
-        if picture is not None and picture.shape[:2] == mean.shape[1:]:
-            tone = plate_tone(mean, picture)
-            if tone is not None:
-                mean, slopes = tone.of(mean)
-                covariance *= np.stack([slopes[i] * slopes[j] for i, j in _PAIRS])
-            _add_lacking_noise(picture, mean, covariance)
+        comparable = picture if picture is not None and picture.shape[:2] == mean.shape[1:] else None
+        tone = None if comparable is None else plate_tone(mean, comparable)
+        if tone is not None:
+            mean, slopes = tone.of(mean)
+            covariance *= np.stack([slopes[i] * slopes[j] for i, j in _PAIRS])
+        if comparable is not None:
+            _add_lacking_noise(comparable, mean, covariance)
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
@@ -151,7 +153,7 @@ def _statistics(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, Lev
     common = one * _ASSUMED_NOISE_LEVELS**2
     if extra:  # the mean of all pixels but those that are clipped, and those where something moved
         spread = np.maximum(scatter[BB] + scatter[GG] + scatter[RR], 0)  # rounding can make it negative
-        is_whole = ((first > _CLIPPED[0]) & (first < _CLIPPED[1])).all(axis=2).ravel()
+        is_whole = _is_whole(first).ravel()
         counted = is_whole if is_whole.any() else np.ones_like(is_whole)
         counted = counted & (spread <= 4 * np.median(spread[counted]))
         common = scatter[:, counted].mean(axis=1, keepdims=True) / extra
@@ -165,6 +167,11 @@ def _statistics(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, Lev
     return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
 
 
+def _is_whole(picture: Bytes | Levels) -> Mask:
+    """Where no channel of a picture (H, W, 3) is clipped: (H, W)."""
+    return np.asarray(((picture > _CLIPPED[0]) & (picture < _CLIPPED[1])).all(axis=2))
+
+
 def _add_lacking_noise(picture: Bytes, mean: Levels, covariance: Levels) -> None:
     """Add to a covariance (6, H, W) about a mean (3, H, W) the noise that a picture (H, W, 3) has beyond it.
 
@@ -175,8 +182,8 @@ def _add_lacking_noise(picture: Bytes, mean: Levels, covariance: Levels) -> None
     expected = expected * Gauge.on(expected).gains(picture)
     off = picture - expected
     off -= cv2.blur(off, (3, 3))  # which leaves 8/9 of the noise's variance
-    is_whole = ((picture > _CLIPPED[0]) & (picture < _CLIPPED[1])).all(axis=2)
-    if not is_whole.any():
+    is_whole = _is_whole(picture) & _is_whole(np.moveaxis(mean, 0, 2))
+    if is_whole.mean() < _LEAST_WHOLE:
         return
     noise2 = 9 / 8 * (_MAD_SIGMA * np.median(np.abs(off[is_whole]), axis=0)) ** 2
     for diagonal, seen in zip((BB, GG, RR), noise2, strict=True):

@@ -15,6 +15,8 @@ from services.segmentation.pixels import Levels
 _BINS = 32
 """Of as many pixels each, by their level in the plate."""
 _FEWEST_BINS = 5
+_WIDTH_PX = 320
+"""Larger pictures tell no more."""
 _SMOOTHED_PX = 5
 """Noise in the plate would flatten the curve."""
 _FAR_LEVELS = 2.0
@@ -72,7 +74,12 @@ def plate_tone(plate: Levels, picture: Bytes) -> Tone | None:
 
 
 def _smoothed(channels: Levels | Bytes) -> Levels:
-    return np.stack([cv2.blur(one.astype(np.float32), (_SMOOTHED_PX, _SMOOTHED_PX)) for one in channels])
+    """Channels (3, h, w) without noise, of large pictures smaller ones."""
+    _, height, width = channels.shape
+    share = min(1.0, _WIDTH_PX / width)
+    size_px = round(share * width), max(round(share * height), 1)
+    small = (cv2.resize(one, size_px, interpolation=cv2.INTER_AREA) for one in channels)
+    return np.stack([cv2.blur(one.astype(np.float32), (_SMOOTHED_PX, _SMOOTHED_PX)) for one in small])
 
 
 def _share_alike(expected: Levels | Floats, seen: Levels) -> float:
@@ -83,7 +90,8 @@ def _medians(plate: Levels, picture: Levels) -> tuple[Floats, Floats]:
     """Medians (B,) of a plate's levels and of a picture's in bins of pixels (H, W) of like plate levels."""
     edges = np.unique(np.quantile(plate, np.linspace(0, 1, _BINS + 1)))
     bins = np.digitize(plate, edges[1:-1])
-    filled = [bins == k for k in range(len(edges) - 1) if np.any(bins == k)]
+    of_bins = (bins == k for k in range(len(edges) - 1))
+    filled = [of_bin for of_bin in of_bins if of_bin.any()]
     x, y = (np.array([float(np.median(one[of_bin])) for of_bin in filled]) for one in (plate, picture))
     return x, y
 

@@ -16,7 +16,7 @@ _TILES_DOWN, _TILES_ACROSS, _PER_TILE = 12, 16, 5
 _FEWEST_TILES = 40
 """With outlines across a direction; with fewer, the actor's could pass for the stage's."""
 _LEAST_SLOPE = 1.5
-"""Levels a pixel; fainter outlines tell noise."""
+"""Levels a pixel; smaller slopes may be noise."""
 _SMOOTHING_PX = 1.0
 _MOST_PX, _LEAST_PX = 6, 0.15
 """Shifts beyond are not looked for; smaller ones do no harm."""
@@ -63,6 +63,8 @@ class Anchors:
             right, down = np.rint(shift).astype(int)
             seen = grey[self.rows + down, self.columns + right]
             found, off_levels, weights = _solved(self.terms, seen, weights)
+            if found[0] <= 0:  # a black picture, for example
+                return 0.0, 0.0
             shift = ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
         if np.hypot(*shift) < _LEAST_PX:
             return 0.0, 0.0
@@ -75,6 +77,8 @@ def _strongest(slopes: Levels) -> Mask:
     """The steepest pixels (H, W) of each tile; none where few tiles have any."""
     chosen, n_tiles = np.zeros(slopes.shape, bool), 0
     rows, columns = (np.arange(_MOST_PX, size - _MOST_PX) for size in slopes.shape)
+    if (len(rows) // _TILES_DOWN) * (len(columns) // _TILES_ACROSS) < _PER_TILE:
+        return chosen
     for some_rows in np.array_split(rows, _TILES_DOWN):
         for some_columns in np.array_split(columns, _TILES_ACROSS):
             tile = np.s_[some_rows[0] : some_rows[-1] + 1, some_columns[0] : some_columns[-1] + 1]

@@ -42,7 +42,7 @@ def test_poses_of_a_run_are_kept_for_frames_that_were_not_fitted(
 ) -> None:
     take, frames = open_take(walk), np.arange(5, dtype=np.int32)
     run = PoseTable(frames, frames / take.settings.fps, np.full((5, N_DOF), 0.25), np.full(5, 900.0))
-    write_fit(take, replace(walk_fit, run=run), tmp_path)
+    write_fit(take, replace(walk_fit, run_poses=run), tmp_path)
     poses = known_poses(tmp_path, walk_fit.actor, take.settings)
     assert list(poses) == [0, 1, 2, 3, 4]
     assert np.allclose([poses[frame] for frame in range(3)], walk_fit.fit.poses, atol=1e-6)

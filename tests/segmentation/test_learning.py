@@ -56,9 +56,8 @@ class Pupil(JointMatte):
     def conclude(self) -> None:
         self.done.append("conclude")
 
-    @property
-    def most_shifted_px(self) -> list[float]:
-        return [0.0, 0.0]
+    def shifts_px(self, images_bgr: Mapping[int, Bytes]) -> list[float]:
+        return [0.0 for _ in images_bgr]
 
     @property
     def moved(self) -> list[Mask]:

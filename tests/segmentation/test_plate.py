@@ -154,6 +154,16 @@ def test_noise_that_a_picture_of_the_take_has_and_the_plate_lacks_is_expected(no
 
 
 @pytest.mark.parametrize("level", [0, 255])
+@pytest.mark.parametrize("share", [0.75, 1.0])
+def test_the_actor_before_a_clipped_stage_is_no_noise(level: int, share: float) -> None:
+    stage = np.full((HEIGHT, WIDTH, 3), level, np.uint8)
+    stage[int(share * HEIGHT) :] = 120
+    picture, rng = stage.copy(), np.random.default_rng(4)
+    picture[40:200, 120:190] = rng.normal(128, 40, (160, 70, 3)).clip(2, 253)
+    assert deviation_of([stage], picture=picture) == pytest.approx(deviation_of([stage]), rel=0.1)
+
+
+@pytest.mark.parametrize("level", [0, 255])
 def test_clipped_pixels_do_not_tell_the_noise(level: int) -> None:
     """Half of the stage is black or overexposed; the exposure differs a little between frames."""
     rng = np.random.default_rng(3)

@@ -77,15 +77,24 @@ def test_an_even_wall_tells_none() -> None:
     assert Anchors.on(even.astype(np.float32)).shift_px(seen(actor, 0, 0)) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("level", [0, 255])
+def test_a_covered_or_dazzled_camera_is_steady(anchors: Anchors, level: int) -> None:
+    assert anchors.shift_px(np.full((HEIGHT, WIDTH, 3), level, np.uint8)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("shape", [(10, 10), (12, 16), (36, 48), (60, 32), (24, 300)])
+def test_small_pictures_are_taken_as_they_are(shape: tuple[int, int]) -> None:
+    small = np.random.default_rng(0).integers(0, 255, (*shape, 3), dtype=np.uint8)
+    assert Anchors.on(small.astype(np.float32)).shift_px(small) == (0.0, 0.0)
+
+
 def test_a_shaken_picture_shows_the_same_changes() -> None:
     rng = np.random.default_rng(10)
     compared = Comparison(Plate.learn([exposed(tiles(), rng) for _ in range(12)]))
     scene, inner = shown(160), np.s_[6:-6, 6:-6]
     compared.look(seen(scene, 0, 0))
     changed = compared.change > LEAST_CHANGE
-    assert compared.most_shifted_px == 0.0
     compared.look(seen(scene, 1.6, -1.2))
-    assert compared.most_shifted_px == pytest.approx(2.0, abs=0.1)
     assert ((compared.change > LEAST_CHANGE) != changed)[inner].mean() < 0.01
 
 
@@ -96,12 +105,9 @@ def test_cameras_that_shake_are_said(small_take: SmallTake, caplog: pytest.LogCa
         pictures = [picture.copy() for picture in reader]
     with video_writer(video, 64, 48, 10.0) as writer:
         for n, picture in enumerate(pictures):
-            writer.write(next(shifted([picture], (1.5 * (-1) ** n, 0.0))) if n else picture)
+            writer.write(next(shifted([picture], (1.5 * (-1) ** n, 0.0))))
     take = open_take(folder)
     with caplog.at_level(logging.WARNING):
         make_segmenter(take, take.cameras, "clean-plate")
-    sentences = [record.getMessage() for record in caplog.records]
-    assert any(
-        f"{folder}: cameras shake, or steady their pictures themselves (cam02 by up to" in s
-        for s in sentences
-    )
+    (sentence,) = [record.getMessage() for record in caplog.records]
+    assert sentence.startswith(f"{folder}: cameras shake, or steady their pictures themselves (cam02 by ")

@@ -95,8 +95,7 @@ def known_poses(folder: Path, actor: Actor, settings: TakeSettings) -> dict[int,
     record = read_record(folder)
     if record is None or record.actor != actor.content_hash or record.hints != hints_of(settings):
         return {}
-    table = read_poses_csv(folder / POSES)
-    return dict(zip(table.frames.tolist(), table.poses, strict=True))
+    return read_poses_csv(folder / POSES).by_frame()
 
 
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:

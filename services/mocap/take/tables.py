@@ -100,6 +100,10 @@ class PoseTable:
             marks_of(solved),
         )
 
+    def by_frame(self) -> dict[int, Floats]:
+        """The poses (D,) by frame."""
+        return dict(zip(self.frames.tolist(), self.poses, strict=True))
+
     @property
     def frames_shown(self) -> Ints:
         """(N,) the frame of the take that shows each pose: of live poses the shot, as recordings count."""
