@@ -15,7 +15,7 @@ from services.segmentation.pixels import Levels
 _BINS = 32
 """Of as many pixels each, by their level in the plate."""
 _FEWEST_BINS = 5
-_WIDTH_PX = 320
+_WIDTH_PX = 640
 """Larger pictures tell no more."""
 _SMOOTHED_PX = 5
 """Noise in the plate would flatten the curve."""
