@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 
@@ -15,6 +15,7 @@ from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 from services.segmentation.plate_shift import plate_shift_px, shifted
+from services.segmentation.steadying import Anchors
 from services.segmentation.take_plate import LOOKS, SAMPLES, TakePlate, find_ghost, plate_of_samples
 
 log = logging.getLogger(__name__)
@@ -80,7 +81,8 @@ class CameraBackground:
                 "adapted: record it with the same settings, as a video, and in the same light",
                 self.take.folder, self.camera.name,
             )  # fmt: skip
-        return plate
+        # An estimate may show the actor, whose outlines move.
+        return plate if self.is_recorded else replace(plate, anchors=Anchors.none())
 
     def _first_picture(self) -> Bytes | None:
         """The take's first picture (H, W, 3), to compare a recorded clean plate with; None without them."""

@@ -48,6 +48,11 @@ class Anchors:
         terms = np.stack([grey, -told[0], -told[1]], axis=-1)[rows, columns]
         return Anchors(rows.astype(np.int32), columns.astype(np.int32), terms.astype(np.float64))
 
+    @staticmethod
+    def none() -> "Anchors":
+        """Anchors for which every picture is steady."""
+        return Anchors(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))
+
     def shift_px(self, picture_bgr: Bytes) -> tuple[float, float]:
         """How far to the right and down a picture (H, W, 3) of the plate's size lies; (0, 0): it is steady.
 

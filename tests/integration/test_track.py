@@ -228,5 +228,5 @@ def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path
     assert read_actor(out / "fit" / "actor.toml") == read_actor(out / "actor.toml")
     assert "the body is fitted for this run; xormocap fit" in done.stdout
     assert "fitted again" not in done.stdout, "three frames are too few"
-    assert "fitted along with the actor" in next((out / "logs").glob("coordinator*")).read_text()
+    assert "poses of 3 frames are known" in next((out / "logs").glob("coordinator*")).read_text()
     assert not (take / "actor.toml").exists()
