@@ -132,7 +132,7 @@ class Session:
         frame, solution, tracking = found
         self._begin_live_settling(tracking)
         self._publish(self._plan.frames.start, frame, solution, tracking)
-        if self._plan.frames.start not in self._plan.known_poses:  # else the fit or a run before has said it
+        if self._plan.frames.start not in self._plan.known_poses:  # else the fit or the first run has said it
             tracking.unsure.tell_first(frame.seen, solution.pose)
         return tracking
 

@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 _UNSURE = 0.1
 """Share of the part where anything moves; with more in doubt the plate is likely to contain the actor."""
 _SHAKES_PX, _SHAKES_WITHIN = 0.5, 10
-"""A camera shakes if the shift differs by more in so many frames."""
+"""A camera shakes if its shift differs by more pixels within so many frames."""
 _LOOK_WIDTH_PX = 160
 _MOST_DECODED = 48
 """Frames that quick looks decode, in total."""

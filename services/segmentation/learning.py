@@ -51,8 +51,8 @@ def _tell_shaking(take: Take, cameras: Sequence[Camera], shifts_px: Sequence[Seq
     ]
     if shaking:
         log.warning(
-            "%s: cameras shake, or steady their pictures themselves (%s): the pictures are moved back to "
-            "where the empty stage was seen; use firm tripods without stabilisation",
+            "%s: cameras shake, or stabilise their pictures (%s): the pictures are moved back to "
+            "where the empty stage was seen; use firm tripods and switch stabilisation off",
             take.folder, ", ".join(shaking),
         )  # fmt: skip
 

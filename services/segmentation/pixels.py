@@ -20,3 +20,5 @@ WHITENING_STEPS = 16384
 """Steps of a plate's whitening matrix per one."""
 BB, GB, GG, RB, RG, RR = range(6)
 """Planes of a lower triangular or symmetric (3, 3) matrix per pixel, by row and column: blue, green, red."""
+MAD_SIGMA = 1.4826
+"""Standard deviation of normal noise over the median of its absolute value."""

@@ -11,7 +11,19 @@ import numpy as np
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Mask
 from services.segmentation.light import Gauge
-from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
+from services.segmentation.pixels import (
+    BB,
+    GB,
+    GG,
+    MAD_SIGMA,
+    MEAN_STEPS,
+    RB,
+    RG,
+    RR,
+    WHITENING_STEPS,
+    Levels,
+    Steps,
+)
 from services.segmentation.plate_tone import plate_tone
 from services.segmentation.steadying import Anchors
 
@@ -31,8 +43,6 @@ _CLIPPED = (1, 254)
 """Levels from which on noise is cut off."""
 _LEAST_WHOLE = 0.2
 """Share of the picture; if fewer pixels of a stage are not clipped, the actor's are most of them."""
-_MAD_SIGMA = np.float32(1.4826)
-"""Standard deviation of normal noise over the median of its absolute value."""
 _ASSUMED_NOISE_LEVELS = 2.5
 """Deviation per channel, assumed where the plate is a single picture."""
 _PRIOR_FRAMES = 10.0
@@ -185,7 +195,7 @@ def _add_lacking_noise(picture: Bytes, mean: Levels, covariance: Levels) -> None
     is_whole = _is_whole(picture) & _is_whole(np.moveaxis(mean, 0, 2))
     if is_whole.mean() < _LEAST_WHOLE:
         return
-    noise2 = 9 / 8 * (_MAD_SIGMA * np.median(np.abs(off[is_whole]), axis=0)) ** 2
+    noise2 = 9 / 8 * (MAD_SIGMA * np.median(np.abs(off[is_whole]), axis=0)) ** 2
     for diagonal, seen in zip((BB, GG, RR), noise2, strict=True):
         covariance[diagonal] += max(float(seen - np.median(covariance[diagonal])), 0.0)
 

@@ -1,6 +1,6 @@
-"""How far a picture is shifted against the clean plate, as cameras make it that shake or steady themselves.
+"""Finds how far a picture is shifted against the clean plate, because the camera shakes or stabilises.
 
-A calibration holds for the plate, so pictures are moved back to it.
+The calibration holds for the plate, so that pictures are moved back to it.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _TILES_DOWN, _TILES_ACROSS, _PER_TILE = 12, 16, 5
 _FEWEST_TILES = 40
 """With outlines across a direction; with fewer, the actor's could pass for the stage's."""
 _LEAST_SLOPE = 1.5
-"""Levels a pixel; smaller slopes may be noise."""
+"""Levels per pixel; smaller slopes may be noise."""
 _SMOOTHING_PX = 1.0
 _MOST_PX, _LEAST_PX = 6, 0.15
 """Shifts beyond are not looked for; smaller ones do no harm."""
@@ -29,13 +29,13 @@ _BETTER = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Pixels on a plate's outlines, by which the shift of a picture is told."""
+    """Pixels on a plate's outlines, from which the shift of a picture is computed."""
 
     rows: Ints
     columns: Ints
     terms: Floats
-    """(n, 3) of each its brightness, and minus its slopes to the right and down, in levels a pixel; zeros in
-    a direction that too few outlines tell."""
+    """(n, 3) the brightness of each, and its slopes to the right and down times -1, in levels per pixel; the
+    slopes are 0 in a direction for which there are too few outlines."""
 
     @staticmethod
     def on(plate_bgr: Levels) -> "Anchors":

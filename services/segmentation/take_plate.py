@@ -12,7 +12,7 @@ import numpy as np
 
 from services.mocap.types import Bytes, Ints, Mask
 from services.segmentation.light import Gauge
-from services.segmentation.pixels import Levels
+from services.segmentation.pixels import MAD_SIGMA, Levels
 from services.segmentation.plate_shift import grey_of, slopes_of
 
 SAMPLES = 48
@@ -23,8 +23,6 @@ _FLICKER_LIMIT = 0.25
 _LEAST_TOLERANCE = 8.0
 """In levels; pictures that differ by less look the same."""
 _SIGMAS = 4.0
-_MAD_SIGMA = 1.4826
-"""Standard deviation of normal noise over its median absolute value."""
 _STILL = 0.9
 """Share of the pictures that must agree where nothing moves."""
 _ROWS_AT_ONCE = 64
@@ -63,7 +61,7 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
     evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
     background = _median_picture(evened)
     noise = float(np.median([float(np.median(cv2.absdiff(sample, background))) for sample in evened]))
-    tolerance = max(_LEAST_TOLERANCE, _SIGMAS * _MAD_SIGMA * noise)
+    tolerance = max(_LEAST_TOLERANCE, _SIGMAS * MAD_SIGMA * noise)
     agree = _agreeing(evened, background, tolerance)
     doubtful = agree.mean(axis=0) < 0.5
     if doubtful.any():

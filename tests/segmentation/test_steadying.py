@@ -110,4 +110,4 @@ def test_cameras_that_shake_are_said(small_take: SmallTake, caplog: pytest.LogCa
     with caplog.at_level(logging.WARNING):
         make_segmenter(take, take.cameras, "clean-plate")
     (sentence,) = [record.getMessage() for record in caplog.records]
-    assert sentence.startswith(f"{folder}: cameras shake, or steady their pictures themselves (cam02 by ")
+    assert sentence.startswith(f"{folder}: cameras shake, or stabilise their pictures (cam02 by ")
