@@ -26,11 +26,11 @@ from services.mocap.camera.undistort import undistorted_px
 from services.mocap.fit.contours import Contour, evenly, features_of
 from services.mocap.fit.rim import PosedSurface
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Trimap
 from services.segmentation.cleanup import SPECK_AREA_PPM, drop_specks
 from services.segmentation.kept_trimaps import KeptTrimaps
-from services.segmentation.side_by_side import side_by_side
 from services.segmentation.silhouettes import Segmenter
 
 _FAR = 12.0

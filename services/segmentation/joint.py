@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.side_by_side import side_by_side
 from services.mocap.types import ACTOR, UNSURE, Bytes, Ints, Mask, Trimap
 from services.segmentation.cleanup import (
     SPECK_AREA_PPM,
@@ -37,7 +38,6 @@ from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate
-from services.segmentation.side_by_side import side_by_side
 from services.segmentation.static_objects import StaticObjects
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 

@@ -11,13 +11,13 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_classes, pack_trimaps
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 from services.segmentation.cleanup import box_of
 from services.segmentation.colour_classes import classes_of
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.lenses import Lenses
-from services.segmentation.side_by_side import side_by_side
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
 _LEAST_OTHERS = 3

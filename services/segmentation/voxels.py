@@ -15,10 +15,10 @@ import numba
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
-from services.segmentation.side_by_side import side_by_side
 
 COARSE_M, _FINE_M = 0.12, 0.04
 """Sizes of voxels."""

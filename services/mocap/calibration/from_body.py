@@ -27,10 +27,10 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import contours_of, working_scales
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.least_squares import CONTOUR_POINTS, mean_of_last
-from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State, System
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State, System, normal_sums
 from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
-from services.mocap.fit.rim_matching import Matches, match_frame
+from services.mocap.fit.rim_matching import Matches, match_frames
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Mask
 
@@ -164,12 +164,12 @@ class _BodyAdjustment:
             shape_slopes=np.zeros(s),
         )
         columns = np.array([*stage.dofs, *(N_DOF + p for p in stage.parameters)])
-        for f, (pose, contours) in enumerate(zip(state.poses, self._contours, strict=True)):
-            views = match_frame(self._slopes.body, pose, rig, contours)
+        matched = match_frames(self._slopes.body, state.poses, rig, self._contours)
+        for f, (pose, views) in enumerate(zip(state.poses, matched, strict=True)):
             rows = self._rows(pose, rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
             weights = np.concatenate([view.lengths_px for view in views]) * stage.weights(residuals_px)
-            system.add_frame(f, rows, residuals_px, weights)
+            system.add_frame(f, *normal_sums(rows, residuals_px, weights))
         return system
 
     def _rows(self, pose: Floats, rig: Rig, views: list[Matches]) -> Floats:

@@ -16,9 +16,10 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
-from services.mocap.fit.normal_equations import FitStage, State, System
+from services.mocap.fit.normal_equations import FitStage, State, System, normal_sums
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
-from services.mocap.fit.rim_matching import Matches, match_frame
+from services.mocap.fit.rim_matching import Matches, match_frames
+from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Floats
 
 _FAR_PX = np.array([100.0])
@@ -119,10 +120,7 @@ class Fitting:
 
     def _match(self, state: State) -> list[list[Matches]]:
         body = shape_space.body_of(state.x, self._base)
-        return [
-            match_frame(body, pose, self._rig, contours)
-            for pose, contours in zip(state.poses, self._contours, strict=True)
-        ]
+        return match_frames(body, state.poses, self._rig, self._contours)
 
     def _matched(self, state: State, stage: FitStage, matches: list[list[Matches]] | None = None) -> _Matched:
         """A state with its cost; matches: its own, where they are known."""
@@ -149,12 +147,17 @@ class Fitting:
     def _linearise(self, current: _Matched, slopes: ShapeSlopes, stage: FitStage) -> System:
         system = self._prior.system(current.state, stage, self._n_views)
         columns = np.array([*stage.dofs, *range(N_DOF, N_DOF + len(stage.parameters))])
-        for f, views in enumerate(current.matches):
+
+        def sums_of(f: int) -> tuple[Floats, Floats]:
+            views = current.matches[f]
             rows = jacobian(slopes, current.state.poses[f], self._rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
             lengths_px = [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
             weights = np.concatenate(lengths_px) * stage.weights(residuals_px)
-            system.add_frame(f, rows, residuals_px, weights)
+            return normal_sums(rows, residuals_px, weights)
+
+        for f, (sums, gradient) in enumerate(side_by_side(sums_of, range(len(current.matches)))):
+            system.add_frame(f, sums, gradient)
         return system
 
 

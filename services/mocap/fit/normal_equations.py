@@ -73,9 +73,8 @@ class System:
     shape_slopes: Floats
     """(s,)"""
 
-    def add_frame(self, f: int, rows: Floats, residuals_px: Floats, weights: Floats) -> None:
-        """Add a frame's residuals (N,), with weights (N,) and slopes (N, d + s) by its pose and the shape."""
-        sums, gradient = normal_sums(rows, residuals_px, weights)
+    def add_frame(self, f: int, sums: Floats, gradient: Floats) -> None:
+        """Add a frame: the normal_sums (d + s, d + s), (d + s,) of its residuals by its pose and by shape."""
         d = self.poses.shape[1]
         self.poses[f] += sums[:d, :d]
         self.cross[f] += sums[:d, d:]

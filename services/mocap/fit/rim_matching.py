@@ -1,8 +1,9 @@
 """Matches the model's rim with the input's contour in both directions, for the residuals of a fit."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 
 import numba
 import numpy as np
@@ -12,6 +13,7 @@ from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour, evenly, features_of, look_up, outline_length_px
 from services.mocap.fit.rim import PosedSurface, Rim
+from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Floats, Ints, Longs, Mask
 
 RIM_POINTS = 200
@@ -23,8 +25,6 @@ _WAY_POINTS = 12
 """At which it is seen whether there are unsure pixels on the way from a rim point to the contour."""
 _SHORTEST_PX = 60.0
 """Views with a shorter contour are not used: the actor is hardly in them."""
-_POOL = ThreadPoolExecutor(os.cpu_count(), "matching")
-"""Matches the views of a frame; its threads start when they are first needed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +45,19 @@ class Matches:
     """Length of a contour that has no rows, because the body is outside of the picture, in working pixels."""
 
 
-def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
-    """Every camera's matches of a body in a pose (D,)."""
-    surface = PosedSurface.of(body, pose)
+def match_frames(
+    body: Body, poses: Floats, rig: Rig, contours: Sequence[Sequence[Contour]]
+) -> list[list[Matches]]:
+    """The matches of every frame and camera, of a body in poses (F, D)."""
+    surfaces = side_by_side(partial(PosedSurface.of, body), poses)
 
-    def of_camera(c: int) -> Matches:
-        return match_view(surface.rim(rig, c), contours[c])
+    def of_view(view: tuple[int, int]) -> Matches:
+        frame, camera = view
+        return match_view(surfaces[frame].rim(rig, camera), contours[frame][camera])
 
-    return list(_POOL.map(of_camera, range(rig.n_cameras)))
+    frames, cameras = range(len(poses)), range(rig.n_cameras)
+    found = iter(side_by_side(of_view, product(frames, cameras)))
+    return [[next(found) for _ in cameras] for _ in frames]
 
 
 def match_view(rim: Rim, contour: Contour) -> Matches:

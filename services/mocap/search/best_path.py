@@ -21,7 +21,7 @@ from services.mocap.search.stages import whole_body_energy
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats, Ints, Mask
 
-_SAME_M = 0.03
+SAME_M = 0.03
 """Two poses agree on a part if none of its joints is farther apart."""
 _CORRECTED_M = 0.06
 """A part whose joints moved by more was somewhere else before."""
@@ -91,7 +91,7 @@ class PathSearch:
         """
         offsets_m = self._model.body.offsets_m
         off_m = apart_m(one, other, offsets_m)
-        poses, of_other = _mixtures(one, other, off_m > _SAME_M)
+        poses, of_other = _mixtures(one, other, off_m > SAME_M)
         joints_m = joint_positions(poses, offsets_m)[:, _MOVING]
         steps = np.broadcast_to(self._costs, (len(poses), len(self._costs)))
         if self._choices:

@@ -66,7 +66,8 @@ def solve_both_ways(
         if frame != last:
             yield Step("tracking back", frame)
         # Differences that last become usual, and are then no reason to search a limb.
-        back = tracker.solve(seen[frame], thorough=frame % thorough_every == 0)
+        is_thorough = frame % thorough_every == 0
+        back = tracker.solve(seen[frame], other=forward[frame], thorough=is_thorough)
         path.add(seen[frame], forward[frame], back.pose)
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.

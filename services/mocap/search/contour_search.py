@@ -12,6 +12,7 @@ from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
+from services.mocap.search.best_path import SAME_M, apart_m
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS
 from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
@@ -30,7 +31,7 @@ from services.mocap.search.part_confidence import (
 )
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_stage, whole_body_energy, whole_body_problem
-from services.mocap.take.marks import LIMB_NAMES, LIMB_PAIRS, Part
+from services.mocap.take.marks import LIMB_NAMES, LIMB_PAIRS, PARTS, Part
 from services.mocap.types import Bytes, Floats
 
 _SLACK = 0.05
@@ -63,8 +64,11 @@ class _Seen:
 class _Search:
     """One frame's search; books what it takes in `found`."""
 
-    def __init__(self, model: Model, whole: Picture, settings: SearchSettings, limbs: LimbPool) -> None:
+    def __init__(
+        self, model: Model, whole: Picture, settings: SearchSettings, limbs: LimbPool, other: Floats | None
+    ) -> None:
         self.model, self.whole, self.settings, self.limbs = model, whole, settings, limbs
+        self._other = other
         self.found = FrameSolution(np.zeros(N_DOF), 0.0)
         self.clock = Clock(self.found.seconds)
 
@@ -123,6 +127,14 @@ class _Search:
             found.px[limb] += round(px)
             found.nearest_px[limb] += round(px)
         return found
+
+    def apart_of(self, parts: list[Part], best: _Seen) -> list[Part]:
+        """Those of some parts that the other track's pose has elsewhere: where both agree, a search of the
+        same difference would find what the other track's search found."""
+        if self._other is None:
+            return parts
+        off_m = apart_m(best.pose, self._other, self.model.body.offsets_m)
+        return [part for part in parts if off_m[PARTS.index(part)] > SAME_M]
 
     def first_parts(
         self, best: _Seen, left: Differences, differing: list[Part], *, thorough: bool
@@ -197,6 +209,7 @@ def solve_by_contours(
     settings: SearchSettings,
     limbs: LimbPool,
     trust: PartConfidence,
+    other: Floats | None = None,
     *,
     thorough: bool = False,
 ) -> FrameSolution:
@@ -205,15 +218,16 @@ def solve_by_contours(
     The whole body is aligned with the contours. Then limbs (and the head) that something differs near by more
     than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
     cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
-    farther about where the limbs were expected. thorough: limbs are searched far, differing or not, unless
-    both of a pair are sure.
+    farther about where the limbs were expected. other: the pose (D,) that another track has found for this
+    frame; limbs that are where it has them are not searched. thorough: limbs are searched far, differing or
+    not, unless both of a pair are sure.
     """
-    search = _Search(model, settings.cost.priced(whole), settings, limbs)
+    search = _Search(model, settings.cost.priced(whole), settings, limbs, other)
     expected = search.best_of(starts)
     best = search.align(expected)
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
-    differing = trust.to_search(left)
+    differing = search.apart_of(trust.to_search(left), best)
     parts = search.first_parts(best, left, differing, thorough=thorough)
     searched = set(parts) & set(differing)  # others that were searched in vain need no rest
     if parts:
@@ -223,7 +237,7 @@ def solve_by_contours(
             searched.update(parts)
         best, left = found, search.differences(found)
         for _ in range(1, settings.max_passes):
-            parts = trust.to_search(left)
+            parts = search.apart_of(trust.to_search(left), best)
             if not parts:
                 break
             searched.update(parts)

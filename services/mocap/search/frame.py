@@ -27,19 +27,21 @@ def solve_frame(
     settings: SearchSettings,
     limbs: LimbPool,
     trust: PartConfidence | None = None,
+    other: Floats | None = None,
     *,
     thorough: bool = False,
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, D).
 
     Starts are first moved within the joint limits; parameters that the settings' body lacks become zero, and
-    stay so. trust: the memory of previous frames; None for a single frame. thorough: as in solve_by_contours.
+    stay so. trust: the memory of previous frames; None for a single frame. other, thorough: as in
+    solve_by_contours.
     """
     starts = pose_of_body(clip_to_limits(starts), settings.body)
     if settings.method == "paper":
         return _solve_by_passes(model, whole, starts, settings, limbs)
     trust = trust or PartConfidence(model.rig, settings.doubt_px)
-    return solve_by_contours(model, whole, starts, settings, limbs, trust, thorough=thorough)
+    return solve_by_contours(model, whole, starts, settings, limbs, trust, other, thorough=thorough)
 
 
 def extrapolated(poses: list[Floats]) -> Floats:

@@ -154,12 +154,12 @@ def best_apart(energy: ColouredEnergy, points: Floats, steps: Floats) -> list[Fl
 
 def _apart(points: Floats, energies: Floats, steps: Floats) -> list[int]:
     """The first _STARTS of these points with a known energy, the least first, that are apart."""
-    chosen: list[int] = []
-    for k in np.argsort(energies, kind="stable"):
-        if len(chosen) == _STARTS or energies[k] == np.inf:
-            break
-        if all(np.any(np.abs(points[k] - points[other]) > steps) for other in chosen):
-            chosen.append(int(k))
+    chosen, left = list[int](), np.argsort(energies, kind="stable")
+    left = left[energies[left] < np.inf]
+    while len(left) and len(chosen) < _STARTS:
+        best = int(left[0])
+        chosen.append(best)
+        left = left[np.any(np.abs(points[left] - points[best]) > steps, axis=1)]
     return chosen
 
 

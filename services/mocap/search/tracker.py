@@ -65,6 +65,7 @@ class Tracker:
         seen: TriPlanes,
         absent: Collection[int] = (),
         known: Floats | None = None,
+        other: Floats | None = None,
         *,
         thorough: bool = False,
         hurried: bool = False,
@@ -72,7 +73,7 @@ class Tracker:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
         absent: cameras that are not used. known: a pose (D,) to begin with, too, as an earlier run found it
-        for this frame. thorough: as in solve_by_contours. hurried: limbs are not searched,
+        for this frame. other, thorough: as in solve_by_contours. hurried: limbs are not searched,
         which takes several times as long as the rest. While the actor is lost, the torso is unreliable, which
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
@@ -85,7 +86,9 @@ class Tracker:
             starts = np.vstack([starts, known])
 
         def solved(by: SearchSettings) -> FrameSolution:
-            return solve_frame(self._model, picture, starts, by, self._limbs, self._trust, thorough=thorough)
+            return solve_frame(
+                self._model, picture, starts, by, self._limbs, self._trust, other, thorough=thorough
+            )
 
         solution = solved(settings.model_copy(update={"search_limbs": "never"}) if hurried else settings)
         if hurried and "torso" in solution.distrusted:  # perhaps because of its limbs

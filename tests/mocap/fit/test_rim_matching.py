@@ -17,7 +17,7 @@ from services.mocap.fit.contours import Contour, contours_of, outline_of
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.normal_equations import normal_sums
 from services.mocap.fit.rim import PosedSurface, Rim
-from services.mocap.fit.rim_matching import Matches, match_frame, nearest_edges
+from services.mocap.fit.rim_matching import Matches, match_frames, nearest_edges
 from services.mocap.types import Floats
 
 _ALL = tuple(range(len(PARAMETERS)))
@@ -90,7 +90,7 @@ def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[...,
     person = a_person(1, 1)
     contours = contours_of(rig, person.seen, 250)[0]
     residuals_px = np.concatenate(
-        [view.residuals_px for view in match_frame(person.body, person.poses[0], rig, contours)]
+        [view.residuals_px for view in match_frames(person.body, person.poses[:1], rig, [contours])[0]]
     )
     assert np.mean(np.abs(residuals_px) < 0.01) > 0.9
     assert float(np.abs(residuals_px).mean()) < 0.01
@@ -102,7 +102,7 @@ def test_slopes_are_those_of_the_surface(rig: Rig, a_person: Callable[..., Any],
     person, base = a_person(1, 1), GENERIC_ACTOR.wearing(skirt)
     x, pose = person.x * 0.5, person.guess
     contours = contours_of(rig, person.seen, 50)[0]
-    matches = match_frame(body_of(x, base), pose, rig, contours)
+    matches = match_frames(body_of(x, base), pose[None], rig, [contours])[0]
     rows = jacobian(ShapeSlopes.at(x, _ALL, base), pose, rig, matches)
     rng, step = np.random.default_rng(0), 1e-5
     for _ in range(5):

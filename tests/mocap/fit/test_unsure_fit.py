@@ -16,7 +16,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.quality import quality_of
-from services.mocap.fit.rim_matching import match_frame
+from services.mocap.fit.rim_matching import match_frames
 from services.mocap.types import Mask
 
 FEET = tuple(SEGMENT_INDEX[f"{side}_foot"] for side in ("left", "right"))
@@ -70,7 +70,7 @@ def test_contours_end_beside_unsure_pixels_and_nothing_is_matched_there(
 ) -> None:
     person = a_person(3, 1)
     contours = contours_of(rig, about_feet(rig, person), 250)[0]
-    found = match_frame(person.body, person.poses[0], rig, contours)
+    found = match_frames(person.body, person.poses[:1], rig, [contours])[0]
     for contour, matches in zip(contours, found, strict=True):
         assert contour.near_unsure is not None
         assert contour.points_px[:, 1].max() < np.nonzero(contour.near_unsure)[0].max() - 5

@@ -12,6 +12,7 @@ from services.mocap.search.best_path import PathSearch, apart_m, corrected_frame
 from services.mocap.search.both_ways import Step, solve_both_ways
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.contour_search import solve_by_contours
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence
@@ -145,6 +146,29 @@ def test_a_thorough_search_leaves_sure_limbs_out(model: Model, truth: Floats, se
     found = solve_by_contours(model, picture, truth[:1], SETTINGS, limbs, trust, thorough=True)
     assert all(found.confidence[limb] > 0.99 for limb in LIMBS)
     assert found.limb_seconds == {}
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_limb_is_not_searched_where_the_other_track_has_it(
+    model: Model,
+    truth: Floats,
+    seen: list[TriPlanes],
+    standing: Callable[..., Floats],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+    is_there: bool,
+) -> None:
+    """What differs there, such as a wide sleeve, the other track has searched in vain."""
+    lost = without(truth, "left_arm", slice(0, 1), standing)[:1]
+    picture, limbs = Picture.whole(model.rig, seen[0].silhouettes), LocalLimbs(model)
+
+    def solved(settings: SearchSettings, other: Floats | None) -> FrameSolution:
+        trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+        return solve_by_contours(model, picture, lost, settings, limbs, trust, other)
+
+    aligned = solved(SETTINGS.model_copy(update={"search_limbs": "never"}), None)
+    found = solved(SETTINGS, aligned.pose if is_there else truth[0])
+    assert ("left_arm" in found.limb_seconds) is not is_there
+    assert (joint_errors_mm(found.pose, truth[0]).max() > 150) == is_there
 
 
 def test_an_actor_who_leaves_is_missed_in_both_ways(

@@ -1,11 +1,11 @@
-"""Cameras' pictures are worked on at the same time."""
+"""Cameras and frames are worked on at the same time."""
 
 import os
 import threading
 
 import pytest
 
-from services.segmentation.side_by_side import side_by_side
+from services.mocap.side_by_side import side_by_side
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="on one core it is done one after the other")

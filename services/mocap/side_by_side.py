@@ -1,4 +1,4 @@
-"""Work on several cameras' pictures at the same time, on all cores: libraries and compiled code allow it."""
+"""Work on several cameras or frames at the same time, on all cores: libraries and compiled code allow it."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -8,13 +8,13 @@ from typing import TypeVar
 _Given = TypeVar("_Given")
 _Made = TypeVar("_Made")
 
-_POOL = ThreadPoolExecutor(os.cpu_count(), "cameras")
+_POOL = ThreadPoolExecutor(os.cpu_count(), "side-by-side")
 """Its threads start when they are first needed."""
 
 
-def side_by_side(work: Callable[[_Given], _Made], of_cameras: Iterable[_Given]) -> list[_Made]:
+def side_by_side(work: Callable[[_Given], _Made], given: Iterable[_Given]) -> list[_Made]:
     """What work makes of each, in order; raises what it raises first.
 
     The work must not call this function.
     """
-    return list(_POOL.map(work, of_cameras))
+    return list(_POOL.map(work, given))
