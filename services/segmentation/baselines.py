@@ -18,7 +18,8 @@ from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import Bytes, Mask, Trimap
 from services.segmentation.cleanup import cleanup
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
-from services.segmentation.plate import Plate, check_size
+from services.segmentation.plate import Plate
+from services.segmentation.plate_noise import check_size
 
 _SHADOW_SIGMAS = np.float32(3)
 """How many deviations of noise may add to the turn of a shadow's colour."""

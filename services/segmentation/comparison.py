@@ -23,7 +23,8 @@ from services.mocap.types import Bytes
 from services.segmentation.cleanup import SPECK_AREA_PPM, Part, box_of, drop_specks
 from services.segmentation.light import light_field
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
-from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO, MOST_RATIO, Plate, check_size
+from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO, MOST_RATIO, Plate
+from services.segmentation.plate_noise import check_size
 from services.segmentation.plate_shift import shifted
 
 UNSEEN, UNCHANGED, CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW = range(5)
