@@ -103,7 +103,7 @@ def refine_take(
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
-        return replace(refined, occluded=occluded, colour_tables=tables, run_poses=_unmarked(found))
+        return replace(refined, occluded=occluded, colour_tables=tables, run_poses=_run_poses(found))
 
 
 def fit_other_way_round(
@@ -143,9 +143,9 @@ def _fitted(
         return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
 
 
-def _unmarked(found: Result) -> PoseTable:
-    """The poses of a result in frames that have no mark."""
-    kept, tracked = ~found.distrusted.any(axis=1), found.tracked
+def _run_poses(found: Result) -> PoseTable:
+    """The poses of a result in known_rows."""
+    kept, tracked = known_rows(found.distrusted), found.tracked
     return PoseTable(
         tracked.frames[kept], tracked.times_s[kept], tracked.poses[kept], tracked.energies_px[kept]
     )
@@ -229,6 +229,14 @@ def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
     for n_parts in range(len(PARTS)):
         rows = np.concatenate([rows, spread(doubtful != n_parts, n_frames - len(rows))])
     return np.sort(rows)
+
+
+def known_rows(distrusted: Mask) -> Mask:
+    """(N,) the rows of distrusted parts (N, 6) whose poses help the next run: those with none, and the first
+    one unless the whole body is lost there, because a first pose takes many times as long to search."""
+    known = np.asarray(~distrusted.any(axis=1))
+    known[0] = not distrusted[0, _TORSO]
+    return known
 
 
 def spread(left_out: Mask, n_frames: int) -> Ints:
