@@ -60,6 +60,11 @@ class Limb:
         """All parameters that the limb's search finds."""
         return self.main.dofs + self.extremity.dofs
 
+    @property
+    def whole(self) -> Stage:
+        """All of it as one stage, in the windows of its main part."""
+        return Stage(self.dofs, self.main.surfaces, self.main.window_px)
+
 
 def _stages(part: str) -> list[Stage]:
     """The stages of a part, from the trunk outwards; each draws all below its first joint."""

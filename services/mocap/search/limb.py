@@ -11,7 +11,7 @@ import numpy as np
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOFS, bare
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import LIMBS, Limb, Stage
+from services.mocap.search.chains import LIMBS, Stage
 from services.mocap.search.descent import Box, Solution, best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -66,18 +66,21 @@ def solve_limb(
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
     seen = _without_margin(settings.cost.priced(seen), settings)
-    by_contours = settings.method == "contours"
-    energy, start, box = prepare(model, limb.main, seen, pose, settings, priced=by_contours)
+    by_contours, n_main = settings.method == "contours", len(limb.main.dofs)
+    stage = limb.whole if by_contours else limb.main
+    prepared = energy, start, box = prepare(model, stage, seen, pose, settings, priced=by_contours)
     counts = settings.arm_grid if bare(name) == "arm" else settings.leg_grid
-    points = grid_points(start, counts, _grid_steps(limb.main, settings), box)
+    steps, of_main = _grid_steps(limb.main, settings), Box(box.lower[:n_main], box.upper[:n_main])
+    points = grid_points(start[:n_main], counts, steps, of_main)
     if settings.typical_limbs:
         typical = typical_poses()[:, list(limb.main.dofs)]
-        points = np.concatenate([points, np.clip(typical, box.lower, box.upper)])
+        points = np.concatenate([points, np.clip(typical, of_main.lower, of_main.upper)])
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
-    if by_contours:
-        begun = best_apart(energy, points, 1.5 * _grid_steps(limb.main, settings))
-        return _align_limb(model, limb, seen, pose, settings, begun, len(points))
+    if by_contours:  # the hand or foot stays as it is in the grid
+        points = np.column_stack([points, np.tile(start[n_main:], (len(points), 1))])
+        begun = best_apart(energy, points, 1.5 * steps)
+        return _align_limb(model, stage, seen, pose, settings, prepared, begun, len(points))
     main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
     # Then the hand or foot, at the end of the limb's new pose (the paper, section 3).
     extremity = descend_stage(model, limb.extremity, seen, main.applied_to(pose), settings)
@@ -87,27 +90,27 @@ def solve_limb(
 
 def _align_limb(
     model: Model,
-    limb: Limb,
+    stage: Stage,
     seen: Picture,
     pose: Floats,
     settings: SearchSettings,
+    prepared: tuple[ColouredEnergy, Floats, Box],
     points: Sequence[Floats],
     evaluations: int,
 ) -> Solution:
-    """Align from points (d,) of a grid, found with so many evaluations; returns the best by the energy.
+    """Align a whole limb from points (d,) of a grid; returns the best by the energy.
 
+    prepared: as by `prepare`; points were found with so many evaluations.
     Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
     """
-    whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
-    energy, start, box = prepare(model, whole_limb, seen, pose, settings, priced=True)
-    aligner = model.aligner(settings)
+    (energy, start, box), aligner = prepared, model.aligner(settings)
     candidates = [start]
     for point in points:
         begun = pose.copy()
-        begun[list(limb.main.dofs)] = point
-        aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
-        candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
-    found = best_of(energy, np.array(candidates), limb.dofs)
+        begun[list(stage.dofs)] = point
+        aligned = aligner.align(seen, begun, settings, stage.dofs, stage.surfaces)
+        candidates += [point, aligned.pose[list(stage.dofs)]]
+    found = best_of(energy, np.array(candidates), stage.dofs)
     before = evaluations + len(points) * settings.contour_steps
     if not model.counts_colours(seen, settings.colour):
         return replace(found, evaluations=before + found.evaluations)
@@ -133,7 +136,8 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
 
 
 def best_apart(energy: ColouredEnergy, points: Floats, steps: Floats) -> list[Floats]:
-    """Some points (of N, d) of least energy, each farther than steps (d,) from those before in a parameter.
+    """Some points (of N, d) of least energy, each farther than steps (k,) from those before in one of the
+    first k parameters.
 
     Colours are looked at from the quickly known least energy on, as long as the points that follow may be
     among the chosen.
@@ -159,7 +163,7 @@ def _apart(points: Floats, energies: Floats, steps: Floats) -> list[int]:
     while len(left) and len(chosen) < _STARTS:
         best = int(left[0])
         chosen.append(best)
-        left = left[np.any(np.abs(points[left] - points[best]) > steps, axis=1)]
+        left = left[np.any(np.abs(points[left] - points[best])[:, : len(steps)] > steps, axis=1)]
     return chosen
 
 
