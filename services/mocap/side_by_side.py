@@ -8,7 +8,9 @@ from typing import TypeVar
 _Given = TypeVar("_Given")
 _Made = TypeVar("_Made")
 
-_POOL = ThreadPoolExecutor(os.cpu_count(), "side-by-side")
+N_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""Those that this process may use."""
+_POOL = ThreadPoolExecutor(N_CORES, "side-by-side")
 """Its threads start when they are first needed."""
 
 

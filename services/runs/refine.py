@@ -144,7 +144,7 @@ def _fitted(
 
 
 def _run_poses(found: Result) -> PoseTable:
-    """The poses of a result in known_rows."""
+    """The poses of a result that help the next run (known_rows)."""
     kept, tracked = known_rows(found.distrusted), found.tracked
     return PoseTable(
         tracked.frames[kept], tracked.times_s[kept], tracked.poses[kept], tracked.energies_px[kept]
@@ -233,7 +233,8 @@ def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
 
 def known_rows(distrusted: Mask) -> Mask:
     """(N,) the rows of distrusted parts (N, 6) whose poses help the next run: those with none, and the first
-    one unless the whole body is lost there, because a first pose takes many times as long to search."""
+    one, where that run usually begins, unless the whole body is lost there: to search a first pose takes many
+    times as long as to align it."""
     known = np.asarray(~distrusted.any(axis=1))
     known[0] = not distrusted[0, _TORSO]
     return known

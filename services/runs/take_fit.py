@@ -60,7 +60,8 @@ class TakeFit:
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as tracking told them."""
     run_poses: PoseTable | None = None
-    """The poses of the run that it started from, of frames that it did not mark, and of its first one."""
+    """The poses of the run that it started from, of frames that it did not mark, and of its first
+    frame, unless the body is lost there."""
 
     def pose_table(self, fps: float) -> PoseTable:
         """The poses that are known: the fitted ones, and of other frames those of the run."""

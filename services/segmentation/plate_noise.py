@@ -1,4 +1,4 @@
-"""The noise of pixels of an empty stage: in a clean plate, and how much more a take's pictures have."""
+"""Mean and noise of the pixels of an empty stage, from frames of one size, and what noise a take adds."""
 
 from collections.abc import Iterable
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 
 import numba
 import numpy as np
@@ -51,13 +50,17 @@ def match_frames(
     """The matches of every frame and camera, of a body in poses (F, D)."""
     surfaces = side_by_side(partial(PosedSurface.of, body), poses)
 
-    def of_view(view: tuple[int, int]) -> Matches:
-        frame, camera = view
-        return match_view(surfaces[frame].rim(rig, camera), contours[frame][camera])
+    def of_view(view: tuple[PosedSurface, int, Contour]) -> Matches:
+        surface, camera, contour = view
+        return match_view(surface.rim(rig, camera), contour)
 
-    frames, cameras = range(len(poses)), range(rig.n_cameras)
-    found = iter(side_by_side(of_view, product(frames, cameras)))
-    return [[next(found) for _ in cameras] for _ in frames]
+    views = [
+        (surface, camera, contour)
+        for surface, of_cameras in zip(surfaces, contours, strict=True)
+        for camera, contour in enumerate(of_cameras)
+    ]
+    found = iter(side_by_side(of_view, views))
+    return [[next(found) for _ in of_cameras] for of_cameras in contours]
 
 
 def match_view(rim: Rim, contour: Contour) -> Matches:

@@ -65,8 +65,9 @@ def solve_both_ways(
     for frame in range(last, -1, -1):
         if frame != last:
             yield Step("tracking back", frame)
-        # Differences that last become usual, and are then no reason to search a limb.
-        is_thorough = frame % thorough_every == 0
+        # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
+        # search a limb: some frames are searched thoroughly.
+        is_thorough = frame == last or frame % thorough_every == 0
         back = tracker.solve(seen[frame], other=forward[frame], thorough=is_thorough)
         path.add(seen[frame], forward[frame], back.pose)
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long

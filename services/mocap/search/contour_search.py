@@ -128,13 +128,13 @@ class _Search:
             found.nearest_px[limb] += round(px)
         return found
 
-    def apart_of(self, parts: list[Part], best: _Seen) -> list[Part]:
-        """Those of some parts that the other track's pose has elsewhere: where both agree, a search of the
-        same difference would find what the other track's search found."""
+    def without_agreed(self, parts: list[Part], best: _Seen) -> list[Part]:
+        """Some parts without the limbs whose joints the other track has in the same place: it has searched
+        what differs there, or a thorough search will."""
         if self._other is None:
             return parts
         off_m = apart_m(best.pose, self._other, self.model.body.offsets_m)
-        return [part for part in parts if off_m[PARTS.index(part)] > SAME_M]
+        return [part for part in parts if part not in LIMBS or off_m[PARTS.index(part)] > SAME_M]
 
     def first_parts(
         self, best: _Seen, left: Differences, differing: list[Part], *, thorough: bool
@@ -219,15 +219,17 @@ def solve_by_contours(
     than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
     cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
     farther about where the limbs were expected. other: the pose (D,) that another track has found for this
-    frame; limbs that are where it has them are not searched. thorough: limbs are searched far, differing or
-    not, unless both of a pair are sure.
+    frame; that limbs differ which are where it has them is no reason to search them. thorough: limbs are
+    searched far, differing or not, and wherever the other track has them, unless both of a pair are sure.
     """
     search = _Search(model, settings.cost.priced(whole), settings, limbs, other)
     expected = search.best_of(starts)
     best = search.align(expected)
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
-    differing = search.apart_of(trust.to_search(left), best)
+    differing = trust.to_search(left)
+    if not thorough:
+        differing = search.without_agreed(differing, best)
     parts = search.first_parts(best, left, differing, thorough=thorough)
     searched = set(parts) & set(differing)  # others that were searched in vain need no rest
     if parts:
@@ -237,7 +239,7 @@ def solve_by_contours(
             searched.update(parts)
         best, left = found, search.differences(found)
         for _ in range(1, settings.max_passes):
-            parts = search.apart_of(trust.to_search(left), best)
+            parts = search.without_agreed(trust.to_search(left), best)
             if not parts:
                 break
             searched.update(parts)

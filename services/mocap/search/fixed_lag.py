@@ -1,7 +1,8 @@
 """Solves frames of live input again a moment later, with the frames after them: a fixed-lag smoother.
 
-It does for a block of frames what both_ways does for a take: a limb that was lost, and that shows again
-within this moment, is found on the way back. Blocks without a doubtful part stay as they are.
+It does for a block of frames what both_ways does for a take, but searches limbs in which both ways agree,
+too: a limb that was lost, and that shows again within this moment, is found on the way back. Blocks without a
+doubtful part stay as they are.
 """
 
 from collections.abc import Collection, Iterator, Mapping

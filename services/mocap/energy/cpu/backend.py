@@ -1,6 +1,5 @@
 """The `cpu` backend: outlines instead of triangles, sums instead of pictures."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 
@@ -15,6 +14,7 @@ from services.mocap.energy.cpu.collecting import empty_canvas, summed_gain
 from services.mocap.energy.cpu.facing import cameras_of
 from services.mocap.energy.cpu.outline import cover, evaluate, prepared
 from services.mocap.energy.picture import Region
+from services.mocap.side_by_side import N_CORES
 from services.mocap.types import Bytes, Floats
 
 
@@ -29,8 +29,7 @@ class CpuBackend:
     def __init__(self, body: Body, rig: Rig, threads: int = 1) -> None:
         self._body = body
         self._rig = rig
-        n_cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        self._n_threads = threads or n_cores
+        self._n_threads = threads or N_CORES
         self._pool = ThreadPoolExecutor(self._n_threads, "energy") if self._n_threads > 1 else None
         self._prepared = cache(partial(prepared, body, n=self._n_threads))
 
