@@ -80,7 +80,8 @@ def solve_limb(
     if by_contours:  # the hand or foot stays as it is in the grid
         points = np.column_stack([points, np.tile(start[n_main:], (len(points), 1))])
         begun = best_apart(energy, points, 1.5 * steps)
-        return _align_limb(model, stage, seen, pose, settings, prepared, begun, len(points))
+        found = _align_limb(model, stage, seen, pose, settings, prepared, begun)
+        return replace(found, evaluations=len(points) + found.evaluations)
     main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
     # Then the hand or foot, at the end of the limb's new pose (the paper, section 3).
     extremity = descend_stage(model, limb.extremity, seen, main.applied_to(pose), settings)
@@ -96,12 +97,11 @@ def _align_limb(
     settings: SearchSettings,
     prepared: tuple[ColouredEnergy, Floats, Box],
     points: Sequence[Floats],
-    evaluations: int,
 ) -> Solution:
     """Align a whole limb from points (d,) of a grid; returns the best by the energy.
 
-    prepared: as by `prepare`; points were found with so many evaluations.
-    Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
+    prepared: what `prepare` returns for the stage. Where colours count, a descent on the energy follows,
+    because a limb before the trunk has no contour.
     """
     (energy, start, box), aligner = prepared, model.aligner(settings)
     candidates = [start]
@@ -111,11 +111,9 @@ def _align_limb(
         aligned = aligner.align(seen, begun, settings, stage.dofs, stage.surfaces)
         candidates += [point, aligned.pose[list(stage.dofs)]]
     found = best_of(energy, np.array(candidates), stage.dofs)
-    before = evaluations + len(points) * settings.contour_steps
-    if not model.counts_colours(seen, settings.colour):
-        return replace(found, evaluations=before + found.evaluations)
-    lowest = descend_from(energy, found, box, settings)
-    return replace(lowest, evaluations=before + lowest.evaluations)
+    if model.counts_colours(seen, settings.colour):
+        found = descend_from(energy, found, box, settings)
+    return replace(found, evaluations=len(points) * settings.contour_steps + found.evaluations)
 
 
 def grid_points(centre: Floats, counts: tuple[int, ...], steps: Floats, box: Box) -> Floats:
