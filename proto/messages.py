@@ -152,8 +152,7 @@ class LimbTask(OfLimbTask, type="limb_task"):
     origin_px: Annotated[NDArray[np.int32], Array("int32", ("C", 2))]
     """x and y of the window's first pixel in each camera's undistorted picture."""
     window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
-    """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0. With a distance cost,
-    larger than the window on all sides by distance_cap_px, rounded up, plus one."""
+    """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0."""
     unsure: Annotated[NDArray[np.uint8], Array("uint8", ("Q", "h", "w"))] = Field(
         default_factory=_none_like("window")
     )

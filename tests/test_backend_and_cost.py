@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-OPTIONS = ("--backend", "paper", "--set", "camera_cap=0.2")
+OPTIONS = ("--backend", "paper", "--set", "camera_weights=[1.0, 0.5]")
 
 
 @pytest.mark.parametrize("command", ["track", "coordinator"])
@@ -24,7 +24,7 @@ def test_costs_that_paper_does_not_know_are_refused(
     )
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "--backend paper: counts differing pixels and knows no camera_cap: leave that setting out, or choose "
-        "another backend"
+        "--backend paper: counts differing pixels and knows no camera_weights: leave that setting out, or "
+        "choose another backend"
     ]
     assert not out.exists()

@@ -30,8 +30,6 @@ CHANGES: dict[Preset, tuple[str, ...]] = {
         "arm_grid=[3, 3, 1, 3]",
         "arm_grid=[9, 9, 3, 9]",
         "detail_px=0.0",
-        "distance_cap_px=4.0",
-        "camera_cap=0.3",
     ),
     "paper": (
         "windows=false",

@@ -53,7 +53,7 @@ class Workshop(Floor):
 
 @pytest.mark.parametrize(
     "changed",
-    [{}, {"detail_px": 0.0}, {"detail_px": 2.0}, {"distance_cap_px": 6.0, "camera_weights": (1, 0.5, 1, 2)}],
+    [{}, {"detail_px": 0.0}, {"detail_px": 2.0}, {"camera_weights": (1, 0.5, 1, 2)}],
     ids=str,
 )
 @pytest.mark.parametrize("n_workers", [0, 1, 4])

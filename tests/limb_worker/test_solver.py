@@ -141,7 +141,7 @@ def refused(solver: LimbSolver, task: LimbTask) -> str:
 @pytest.mark.parametrize("limb", ["left_arm", "right_leg"])
 @pytest.mark.parametrize(
     "changed",
-    [{}, {"detail_px": 0.0}, {"detail_px": 3.0}, {"distance_cap_px": 5.0, "camera_weights": (1.0, 0.5)}],
+    [{}, {"detail_px": 0.0}, {"detail_px": 3.0}, {"camera_weights": (1.0, 0.5)}],
     ids=str,
 )
 def test_equals_solving_it_directly(

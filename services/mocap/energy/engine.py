@@ -4,7 +4,7 @@ import logging
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 from services.mocap.body.actor import Body
@@ -99,10 +99,9 @@ class Engine:
 def check_cost(settings: EngineSettings, cost: Cost) -> None:
     """Raises UserError where the backend that is asked for does not know a cost."""
     if settings.backend == "paper" and cost != Cost():
-        changed = " and ".join(f.name for f in fields(Cost) if getattr(cost, f.name) != f.default)
         raise UserError(
-            f"--backend paper: counts differing pixels and knows no {changed}: leave that setting out, or "
-            "choose another backend"
+            "--backend paper: counts differing pixels and knows no camera_weights: leave that setting out, "
+            "or choose another backend"
         )
 
 

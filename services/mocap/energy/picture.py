@@ -2,16 +2,12 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, camera_bit, n_planes, pack
-from services.mocap.types import Bytes, Floats, Ints
-
-_Pixel = TypeVar("_Pixel", np.bool_, np.int32)
+from services.mocap.types import Bytes, Floats, Ints, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +57,6 @@ class Picture:
     ignored: Bytes
     """(P, h, w) bit-planes of the pixels that count for nothing: outside the picture, unsure, or
     pre-rendered."""
-    prices: Ints | None = None
-    """(C, h, w) what each pixel costs if it differs, in steps as Cost.priced has them; None: all the same."""
     unsure: Bytes | None = None
     """(P, h, w) bit-planes of unsure pixels, where the input's contour is not known; None: there are none."""
     classes: Bytes | None = None
@@ -110,7 +104,7 @@ class Picture:
     def halved(self) -> "Picture":
         """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2).
 
-        Without prices, which are another matter there, and without colour classes.
+        Without colour classes.
         """
         n_cameras = len(self.region.origin_px)
         region = Region(
@@ -131,9 +125,7 @@ class Picture:
         size, corners = (width_px, height_px), origin_px - self.region.origin_px
         silhouettes = _cut_planes(self.silhouettes, corners, size, False)
         ignored = _cut_planes(self.ignored, corners, size, True)
-        prices = unsure = None
-        if self.prices is not None:
-            prices = np.array([_cut(p, at, size, 0) for p, at in zip(self.prices, corners, strict=True)])
+        unsure = None
         if self.unsure is not None:
             cut = _cut_planes(self.unsure, corners, size, False)
             unsure = cut if cut.any() else None
@@ -141,7 +133,7 @@ class Picture:
         if classes is not None:
             classes = np.array([_cut_planes(of_bit, corners, size, False) for of_bit in classes])
         region = Region(origin_px, width_px, height_px, self.region.scale)
-        return Picture(region, silhouettes, ignored, prices, unsure, classes)
+        return Picture(region, silhouettes, ignored, unsure, classes)
 
     @property
     def sent_unsure(self) -> Bytes:
@@ -178,12 +170,12 @@ def _cut_planes(planes: Bytes, corners: Ints, size: tuple[int, int], fill: bool)
     return cut
 
 
-def _cut(image: NDArray[_Pixel], corner: Ints, size: tuple[int, int], fill: int) -> NDArray[_Pixel]:
-    """Cut size (width, height) at corner (x, y) out of an image, filled where it reaches over the edge."""
+def _cut(mask: Mask, corner: Ints, size: tuple[int, int], fill: bool) -> Mask:
+    """Cut size (width, height) at corner (x, y) out of a mask, filled where it reaches over the edge."""
     (x, y), (width, height) = corner, size
-    window = np.full((height, width), fill, image.dtype)
+    window: Mask = np.full((height, width), fill)
     x0, y0 = max(x, 0), max(y, 0)
-    x1, y1 = min(x + width, image.shape[1]), min(y + height, image.shape[0])
+    x1, y1 = min(x + width, mask.shape[1]), min(y + height, mask.shape[0])
     if x1 > x0 and y1 > y0:
-        window[y0 - y : y1 - y, x0 - x : x1 - x] = image[y0:y1, x0:x1]
+        window[y0 - y : y1 - y, x0 - x : x1 - x] = mask[y0:y1, x0:x1]
     return window

@@ -83,13 +83,13 @@ class _Search:
             if self._wrong_px is not None:
                 energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
         else:
-            energy_px = float(self._priced(aligned.pose[None])[0])
+            energy_px = float(self._weighted_energy(aligned.pose[None])[0])
         aligner = self.model.aligner(self.settings)
         prices_px = float(aligner.prices_px(aligned.pose[None], self.settings)[0])
         return _Seen(aligned, covered, prices_px, energy_px + prices_px)
 
     @cached_property
-    def _priced(self) -> Callable[[Floats], Floats]:
+    def _weighted_energy(self) -> Callable[[Floats], Floats]:
         return whole_body_energy(self.model, self.whole, self.settings)
 
     @cached_property
@@ -222,7 +222,7 @@ def solve_by_contours(
     frame; that limbs differ which are where it has them is no reason to search them. thorough: limbs are
     searched far, differing or not, and wherever the other track has them, unless both of a pair are sure.
     """
-    search = _Search(model, settings.cost.priced(whole), settings, limbs, other)
+    search = _Search(model, whole, settings, limbs, other)
     expected = search.best_of(starts)
     best = search.align(expected)
     left, gained = search.differences(best), False

@@ -65,14 +65,13 @@ def _solve_by_passes(
     The result is the best pose seen at the end of a pass, by the cost and the level of detail of the search;
     starts count as seen.
     """
-    whole = settings.cost.priced(whole)
     energy = whole_body_energy(model, whole, settings)
     energies = energy(starts)
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
     )
     # The paper, section 4.2: the torso is searched in whole pictures at half resolution.
-    coarse, pose = settings.cost.priced(whole.halved()) if settings.windows else whole, best.pose
+    coarse, pose = whole.halved() if settings.windows else whole, best.pose
     for _ in range(settings.max_passes):
         before = best.energy_px
         pose = _one_pass(model, whole, coarse, pose, settings, limbs, best)

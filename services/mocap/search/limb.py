@@ -37,17 +37,8 @@ _MOST_PROMISING = 5
 def limb_picture(
     model: Model, name: LimbName, whole: Picture, pose: Floats, settings: SearchSettings
 ) -> Picture:
-    """The part of a whole picture that a limb's search needs: its windows with the margin of the cost."""
-    if not settings.windows:
-        return whole
-    return stage_window(model, LIMBS[name].main, whole, pose, settings.cost.margin_px)
-
-
-def _without_margin(window: Picture, settings: SearchSettings) -> Picture:
-    margin_px = settings.cost.margin_px if settings.windows else 0
-    region = window.region
-    width_px, height_px = region.width_px - 2 * margin_px, region.height_px - 2 * margin_px
-    return window.window(region.origin_px + np.int32(margin_px), width_px, height_px)
+    """The part of a whole picture that a limb's search needs: its windows."""
+    return stage_window(model, LIMBS[name].main, whole, pose) if settings.windows else whole
 
 
 def solve_limb(
@@ -65,7 +56,6 @@ def solve_limb(
     pose beyond the joint limits is first moved to them.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
-    seen = _without_margin(settings.cost.priced(seen), settings)
     by_contours, n_main = settings.method == "contours", len(limb.main.dofs)
     stage = limb.whole if by_contours else limb.main
     prepared = energy, start, box = prepare(model, stage, seen, pose, settings, priced=by_contours)

@@ -95,16 +95,10 @@ class SearchSettings(StrictModel):
     detail_px: float = Field(default=0.5, ge=0, le=100, description=_UP_TO_100)
     """Level of detail: silhouettes of thinned meshes may be off by this many pixels of the working
     resolution; 0: always the full mesh."""
-    distance_cap_px: float = Field(default=0.0, ge=0, le=50, description="a number from 0 to 50")
-    """If positive, a differing pixel costs its distance to the input's contour, at most this many pixels."""
     camera_weights: _Weights = Field(
         default=(), description="a list of numbers from 0 to 1000, such as [1.0, 0.5, 1.0]"
     )
     """Weight of each camera's pixels, one factor per camera; empty: all 1."""
-    camera_cap: float = Field(default=0.0, ge=0, le=100, description=_UP_TO_100)
-    """If positive, cameras whose energy exceeds this share of the median camera's foreground have little
-    influence."""
-
     colour: float = Field(default=1.0, ge=0, le=10, description="a number from 0 to 10")
     """What a pixel with a wrong colour class costs, in differing pixels, where classes were learnt; 0:
     colours do not count."""
@@ -124,7 +118,7 @@ class SearchSettings(StrictModel):
     @property
     def cost(self) -> Cost:
         """The cost of differing pixels in the search; reported energies are always plain counts."""
-        return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap, self.colour)
+        return Cost(self.camera_weights, self.colour)
 
     def without_cameras(self, left_out: Collection[int], n_cameras: int) -> "SearchSettings":
         """The same with a weight of 0 for some of the cameras."""

@@ -22,8 +22,8 @@ def whole_body_energy(model: Model, picture: Picture, settings: SearchSettings) 
 
 def whole_body_problem(picture: Picture, settings: SearchSettings) -> Problem:
     """The problem of whole_body_energy."""
-    cost, dofs = settings.cost, tuple(range(N_DOF))
-    return Problem(np.zeros(N_DOF), dofs, ALL_SURFACES, cost.priced(picture), cost, settings.detail_px)
+    dofs = tuple(range(N_DOF))
+    return Problem(np.zeros(N_DOF), dofs, ALL_SURFACES, picture, settings.cost, settings.detail_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +49,10 @@ def energy_of(model: Model, problem: Problem) -> ColouredEnergy:
     return ColouredEnergy(quick, lambda values: price * wrong_px(values))
 
 
-def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
-    """Cut the windows of a stage out of a picture, centred on where the pose (D,) has its segments.
-
-    margin_px: how much larger they are on all sides.
-    """
-    size_px = window_size_px(stage, model.rig) + 2 * margin_px
-    origins_px = window_origins_px(stage, pose, model.body, model.rig) - np.int32(margin_px)
-    return picture.window(origins_px, size_px, size_px)
+def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats) -> Picture:
+    """Cut the windows of a stage out of a picture, centred on where the pose (D,) has its segments."""
+    size_px = window_size_px(stage, model.rig)
+    return picture.window(window_origins_px(stage, pose, model.body, model.rig), size_px, size_px)
 
 
 def prepare(

@@ -27,9 +27,7 @@ ANY_SETTINGS = st.builds(
     descent_tolerance=_SHARE,
     descent_rounds=st.integers(1, 100),
     detail_px=_CAP,
-    distance_cap_px=st.floats(0, 50),
     camera_weights=st.just(()) | st.tuples(st.floats(0.1, 1000), *[st.floats(0, 1000)] * 3),
-    camera_cap=_CAP,
 )
 
 

@@ -13,7 +13,7 @@ from services.mocap.search.settings import SearchSettings
     [
         SearchSettings(),
         SearchSettings().widened(),
-        SearchSettings(detail_px=0, distance_cap_px=6, camera_weights=(1, 0.5), camera_cap=0.25),
+        SearchSettings(detail_px=0, camera_weights=(1, 0.5)),
     ],
 )
 def test_wire_round_trip(settings: SearchSettings) -> None:

@@ -41,7 +41,7 @@ class CpuBackend:
         T_world_frame = frame_transforms(base[None], self._body.offsets_m)[0]
         mesh, scratches = self._prepared(problem.detail_px > 0)
         cameras, gain_sums = cameras_of(self._rig, region), summed_gain(tally.gain)
-        costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
+        costs = np.array([tally.blank, tally.weights])
         lanes = [
             (base.copy(), T_world_frame.copy(), scratch, empty_canvas(region.height_px, region.width_px))
             for scratch in scratches

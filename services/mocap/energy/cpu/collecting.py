@@ -8,7 +8,6 @@ import numpy as np
 from llvmlite import ir
 from numba.extending import intrinsic
 
-from services.mocap.energy.cost import Counts
 from services.mocap.types import Bytes, Ints, Shorts, Words
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -53,7 +52,7 @@ def empty_canvas(height_px: int, width_px: int) -> Canvas:
     return np.zeros((height_px, width_px), np.int16), crossed, extent, spans
 
 
-def summed_gain(gain: Counts) -> Counts:
+def summed_gain(gain: Ints) -> Ints:
     """Row prefix sums (C, H, W + 1) of gain (C, H, W): sums[c, y, x] = gain[c, y, :x].sum()."""
     n_cameras, height_px, width_px = gain.shape
     sums = np.zeros((n_cameras, height_px, width_px + 1), np.int32)
@@ -62,7 +61,7 @@ def summed_gain(gain: Counts) -> Counts:
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def collect_gain(canvas: Canvas, gain_sums: Counts) -> int:
+def collect_gain(canvas: Canvas, gain_sums: Ints) -> int:
     """Sum the gain of covered pixels and empty the canvas; gain_sums (H, W + 1): one camera's summed_gain."""
     winding, crossed, extent, _ = canvas
     total = 0

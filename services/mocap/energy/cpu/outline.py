@@ -13,7 +13,6 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
-from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain, njit_without_refcounts
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
@@ -106,7 +105,7 @@ def evaluate(
     detail_px: float,
     mesh: MeshArrays,
     scratch: Scratch,
-    gain_sums: Counts,
+    gain_sums: Ints,
     costs: Floats,
     canvas: Canvas,
     energies: Floats,
@@ -115,7 +114,7 @@ def evaluate(
 
     plan: the parameters that vary (d,), the frames that they move, the surfaces that are drawn. pose (D,)
     and T_world_frame (J + 5, 4, 4): a base pose and its transforms, of which only what the plan names
-    changes. gain_sums (C, H, W + 1) as summed_gain makes it; costs (3, C): blank, weights and cap of the
+    changes. gain_sums (C, H, W + 1) as summed_gain makes it; costs (2, C): blank and weights of the
     Tally; canvas from empty_canvas.
     """
     dofs, frames, surfaces = plan
@@ -127,8 +126,7 @@ def evaluate(
         energy = 0.0
         for c in range(len(P_px_world)):
             draw(T_world_frame, surfaces, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
-            cost = costs[0, c] + collect_gain(canvas, gain_sums[c])
-            energy += costs[1, c] * (cost / (1.0 + cost / costs[2, c]))
+            energy += costs[1, c] * (costs[0, c] + collect_gain(canvas, gain_sums[c]))
         energies[n] = energy
 
 

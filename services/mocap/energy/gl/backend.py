@@ -26,7 +26,6 @@ from services.mocap.body.kinematics import (
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
-from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.collecting import summed_gain
 from services.mocap.energy.gl.device import GlDevice, GlLostError
 from services.mocap.energy.gl.drawing import Drawer, Drawing, Part
@@ -149,7 +148,7 @@ class GlBackend:
         with self._device.current():
             yield
 
-    def _drawing(self, segments: tuple[int, ...], region: Region, gain_sums: Counts | None) -> Drawing:
+    def _drawing(self, segments: tuple[int, ...], region: Region, gain_sums: Ints | None) -> Drawing:
         with self._current():
             selection = self._mesh.select(segments)
         P_px_world = region.projections(self._rig)

@@ -13,10 +13,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.energy.cost import Counts
 from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
 from services.mocap.energy.gl.mesh import GlMesh, Selection
-from services.mocap.types import Bytes, Floats, Longs
+from services.mocap.types import Bytes, Floats, Ints, Longs
 
 SCRATCH_BYTES = 256 << 20
 """What the scratch buffers that the parts of a batch share hold at most together."""
@@ -37,7 +36,7 @@ class Drawing:
     """(C, 3, 4) to pixels of the region."""
     width_px: int
     height_px: int
-    gain_sums: Counts | None = None
+    gain_sums: Ints | None = None
     """(C, W + 1, H) in each row, what the pixels left of a column gain; None: covered pixels are wanted."""
 
     @property

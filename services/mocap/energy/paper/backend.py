@@ -35,8 +35,8 @@ class PaperBackend:
         """See Backend.energy; raises ValueError where the cost is not plain XOR."""
         if problem.cost != Cost():
             raise ValueError(
-                "the paper backend knows plain XOR only: leave distance_cap_px, camera_weights and "
-                "camera_cap as they are, or choose another backend"
+                "the paper backend knows plain XOR only: leave camera_weights as they are, or choose another "
+                "backend"
             )
         region = problem.picture.region
         every_camera = pack(np.ones((self._rig.n_cameras, region.height_px, region.width_px), bool))
