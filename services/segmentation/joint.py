@@ -9,7 +9,7 @@ steps, each of which has a module:
 4. `decision`: whether the actor or the stage explains the pixel better, weighed with its neighbours;
 5. `edges`: how much of a pixel at the rim is the actor's.
 
-Where all that together tells nothing, the pixel is unsure. Step 4 uses what was learnt (`learnt`).
+Where all that together tells nothing, the pixel is `unsure`. Step 4 uses what was learnt (`learnt`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +25,6 @@ from services.segmentation.cleanup import (
     Part,
     box_of,
     cleanup_in_place,
-    drop_specks,
     drop_unconfirmed,
     opened,
 )
@@ -39,6 +38,7 @@ from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate
 from services.segmentation.static_objects import StaticObjects
+from services.segmentation.unsure import HARDLY_AGAINST, unsure_pixels
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 
 _ROUNDS = 3
@@ -51,20 +51,9 @@ pixels are used to learn colours and the weight of the other cameras."""
 _BIAS = np.float32(-0.3)
 """Bias against the actor: rims mix both and are better cut off here, because the edges are settled
 afterwards."""
-_TELLING = -0.5
-"""Prior odds above which the other cameras count as seeing the actor along a pixel's ray."""
-_HARDLY_AGAINST = -2.2
-"""Log odds of a pixel (its own evidence plus the other cameras') above which it is unsure instead of
-background."""
-_UNLIKE_AROUND = -1.7
-"""Mean evidence of a pixel and its neighbours below which it is background all the same. One pixel of an even
-wall is hardly evidence where the actor wears its colour; a whole patch that looks exactly like the wall is.
-Few cameras leave open all about the actor what the others cannot exclude, and no outline would be left."""
 _NO_WORD = -1.7
 """In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
 is."""
-_SLIGHTLY_AGAINST = -0.5
-"""Own evidence below which only its neighbours make a pixel the actor's."""
 _CAMERAS_FOR_FURNITURE = 5
 """The rays of fewer others often meet where nothing is: that a camera sees nothing there is then no sign of
 something before it."""
@@ -245,7 +234,7 @@ class JointMatte:
         prices(compared.channels, compared.expected, plate.usual_noise2, corner_px, across, down)
         belief = beliefs(own + prior, across, down, _ROUNDS)
         prior[classes[part] == ALONE] = _NO_WORD
-        inner = box_of((belief > 0) | (own + prior > _HARDLY_AGAINST), _RIM_MARGIN_PX)
+        inner = box_of((belief > 0) | (own + prior > HARDLY_AGAINST), _RIM_MARGIN_PX)
         if inner is not None:
             corner_px = part[0].start + inner[0].start, part[1].start + inner[1].start
             actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
@@ -266,22 +255,13 @@ class JointMatte:
     def _settled(
         self, compared: Comparison, actor: Bytes, own: Levels, prior: Levels, corner_px: tuple[int, int]
     ) -> Trimap:
-        """A part of a trimap (h, w): the actor (h, w) as believed, its edges settled, and what is unsure.
-
-        Unsure is what was cut off or kept against what the other cameras (prior) or its own colours (own)
-        say.
-        """
+        """A part of a trimap (h, w): the actor (h, w) as believed, its edges settled, and what is unsure."""
         height, width = compared.plate.shape
         rim_px = EDGE_WIDTH_PERMILLE * 1e-3 * width
         settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px)
         cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
-        against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
-        perhaps = (own + prior > _HARDLY_AGAINST) & (cv2.blur(own, (5, 5)) > _UNLIKE_AROUND)
-        doubtful = np.where(actor > 0, against, perhaps)
-        doubt = opened(doubtful, 3)
-        drop_specks(doubt, SPECK_AREA_PPM * 1e-6 * height * width)
-        trimap[doubt > 0] = UNSURE
+        trimap[unsure_pixels(actor, own, prior, (height, width))] = UNSURE
         if actor.any():  # space that the other cameras leave open far from the actor is empty
             body = (trimap > 0).view(np.uint8)
             drop_unconfirmed(body, actor, 1)
