@@ -54,9 +54,9 @@ afterwards."""
 _NO_WORD = -1.7
 """In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
 is."""
-_CAMERAS_FOR_FURNITURE = 5
+_MANY_CAMERAS = 5
 """The rays of fewer others often meet where nothing is: that a camera sees nothing there is then no sign of
-something before it."""
+furniture before it."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 """Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
@@ -76,7 +76,7 @@ class JointMatte:
             self._floor = Floor.at(0.0, cameras, hidden)
         self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
         self._objects = StaticObjects(self._voxels) if self._voxels is not None else None
-        self._finds_furniture = len(cameras) >= _CAMERAS_FOR_FURNITURE
+        self._are_many = len(cameras) >= _MANY_CAMERAS
         width, height = self._lenses.sizes_px.max(axis=0)
         shape = len(self._cameras), int(height), int(width)
         self._ratios: Levels = np.ones(shape, np.float32)
@@ -207,7 +207,7 @@ class JointMatte:
             misses = np.clip(MISS / 2 * (1 - compared.change), 0, MISS).astype(np.uint8)
             misses[(compared.state == PERHAPS_SHADOW) & (prior >= SUPPORTED)] = MISS // 2
             learnt = self._learnt[c]
-            tells_nothing = learnt.moved | learnt.blind if self._finds_furniture else learnt.moved
+            tells_nothing = learnt.moved | learnt.blind if self._are_many else learnt.moved
             misses[tells_nothing] = MISS // 2
             self._misses[c, :height, :width] = misses
         classes = self._voxels.classes(self._misses, there)
@@ -244,7 +244,7 @@ class JointMatte:
     def _likely_part(self, compared: Comparison, classes: Bytes) -> Part | None:
         """The part of the picture that may show the actor; None if there is none."""
         is_likely = (compared.change > LEAST_CHANGE) & (classes != MORE_MISS)
-        if not self._finds_furniture:  # it may hide legs from most of the others
+        if not self._are_many:  # furniture may hide legs from most of the others
             is_likely |= (compared.change > _SURELY_CHANGED) & (compared.state == CHANGED)
         changed = is_likely.view(np.uint8)
         likely = opened(changed | (classes == INSIDE), 3)
@@ -261,7 +261,8 @@ class JointMatte:
         settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px)
         cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
-        trimap[unsure_pixels(actor, own, prior, (height, width))] = UNSURE
+        are_few = not self._are_many
+        trimap[unsure_pixels(actor, own, prior, (height, width), are_cameras_few=are_few)] = UNSURE
         if actor.any():  # space that the other cameras leave open far from the actor is empty
             body = (trimap > 0).view(np.uint8)
             drop_unconfirmed(body, actor, 1)

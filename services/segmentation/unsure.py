@@ -10,12 +10,11 @@ from services.segmentation.pixels import Levels
 HARDLY_AGAINST = -2.2
 """Log odds of a pixel (its own evidence plus the other cameras') above which it may be unsure instead of
 background."""
-_UNLIKE_WITHIN, _UNLIKE_BESIDE = np.float32(-1.7), np.float32(-1.0)
-"""Mean evidence of a pixel and its neighbours below which it is background all the same, within a gap of the
-actor and elsewhere. One pixel of an even wall is hardly evidence where the actor wears its colour; a whole
-patch that looks like the wall is. Few cameras leave open all about the actor what the others cannot exclude,
-and limbs would be lost there. Of the pixels between the two, 44 % are the actor's in gaps and 3 % elsewhere
-(five takes before three and four cameras)."""
+_UNLIKE, _UNLIKE_BESIDE = np.float32(-1.7), np.float32(-1.0)
+"""Mean evidence of a pixel and its neighbours below which it is background all the same: one pixel of an even
+wall is hardly evidence where the actor wears its colour, a whole patch that looks like the wall is. The
+second holds outside the actor's gaps before few cameras: of the pixels between the two, 44 % are the actor's
+in gaps and 3 % elsewhere (five takes before three and four cameras)."""
 _GAP_PERMILLE = 40
 """Width of a gap, as a share of the picture's width: about that of an arm."""
 _SLIGHTLY_AGAINST = -0.5
@@ -24,16 +23,21 @@ _TELLING = -0.5
 """Prior odds above which the other cameras count as seeing the actor along a pixel's ray."""
 
 
-def unsure_pixels(actor: Bytes, own: Levels, prior: Levels, shape_px: tuple[int, int]) -> Mask:
+def unsure_pixels(
+    actor: Bytes, own: Levels, prior: Levels, shape_px: tuple[int, int], *, are_cameras_few: bool
+) -> Mask:
     """Which pixels (h, w) of a part of a picture are unsure.
 
     actor (h, w): 1 where the pixel was taken for the actor's. own, prior (h, w): log odds of the actor by the
-    pixel's own colours, and by what the other cameras see. shape_px: of the whole picture.
+    pixel's own colours, and by what the other cameras see. shape_px: of the whole picture. are_cameras_few:
+    so that the others leave open all about the actor what they cannot exclude, and limbs would be lost there.
     """
     height, width = shape_px
-    gap = np.ones((round(_GAP_PERMILLE * 1e-3 * width) | 1,) * 2, np.uint8)
-    is_within = cv2.morphologyEx(actor, cv2.MORPH_CLOSE, gap) > 0
-    is_unlike = cv2.blur(own, (5, 5)) <= np.where(is_within, _UNLIKE_WITHIN, _UNLIKE_BESIDE)
+    around = cv2.blur(own, (5, 5))
+    is_unlike = around <= _UNLIKE
+    if are_cameras_few:
+        gap = np.ones((round(_GAP_PERMILLE * 1e-3 * width) | 1,) * 2, np.uint8)
+        is_unlike |= (around <= _UNLIKE_BESIDE) & (cv2.morphologyEx(actor, cv2.MORPH_CLOSE, gap) == 0)
     kept_against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
     cut_against = (own + prior > HARDLY_AGAINST) & ~is_unlike
     unsure = opened(np.where(actor > 0, kept_against, cut_against), 3)
