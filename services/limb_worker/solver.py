@@ -72,7 +72,7 @@ def _check(task: LimbTask, rig: Rig) -> None:
         raise ValueError(f"shard: expected less than {task.shards}, got {task.shard}")
     if task.origin_px.shape != (rig.n_cameras, 2):
         raise ValueError(f"origin_px: expected {rig.n_cameras} cameras, got {len(task.origin_px)}")
-    largest_px = 2 * max(rig.shape_px)  # with the margin of a distance cost
+    largest_px = max(rig.shape_px)
     if not all(1 <= size <= largest_px for size in task.window.shape[1:]):
         raise ValueError(f"window: expected sides of 1 to {largest_px} pixels, got {task.window.shape[1:]}")
     if np.any((task.origin_px < -largest_px) | (task.origin_px > largest_px)):

@@ -56,7 +56,7 @@ _NO_WORD = -1.7
 is."""
 _MANY_CAMERAS = 5
 """The rays of fewer others often meet where nothing is: that a camera sees nothing there is then no sign of
-furniture before it."""
+furniture before it, and little of the space about the actor is excluded."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 """Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
@@ -261,8 +261,8 @@ class JointMatte:
         settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px)
         cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
-        are_few = not self._are_many
-        trimap[unsure_pixels(actor, own, prior, (height, width), are_cameras_few=are_few)] = UNSURE
+        has_few = self._voxels is not None and not self._are_many
+        trimap[unsure_pixels(actor, own, prior, (height, width), has_few_cameras=has_few)] = UNSURE
         if actor.any():  # space that the other cameras leave open far from the actor is empty
             body = (trimap > 0).view(np.uint8)
             drop_unconfirmed(body, actor, 1)

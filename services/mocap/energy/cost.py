@@ -41,13 +41,13 @@ class Cost:
         if not silhouettes.shape == ignored.shape == (n_planes(n_cameras), *gain.shape[1:]):
             raise ValueError("picture: expected planes of one size")
         blank = np.empty(n_cameras, np.int64)
-        _count_blank(silhouettes, ignored, gain, blank)
+        _fill(silhouettes, ignored, gain, blank)
         return Tally(gain, blank, self.weights(n_cameras))
 
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """A picture as costs: camera c's pixels E_c = blank_c + the sum of gain_c over all that the model covers.
+    """A picture as costs: in camera c, E_c = blank_c + the sum of gain_c over covered pixels differ.
 
     The energy is the sum of weights_c E_c.
     """
@@ -66,7 +66,7 @@ class Tally:
 
 
 @numba.njit(cache=True, nogil=True)
-def _count_blank(silhouettes: Bytes, ignored: Bytes, gain: Ints, blank: Longs) -> None:
+def _fill(silhouettes: Bytes, ignored: Bytes, gain: Ints, blank: Longs) -> None:
     """Write gain and blank of a Tally from planes (P, h, w)."""
     n_cameras, height, width = gain.shape
     for c in range(n_cameras):

@@ -1,6 +1,5 @@
 """Solves a frame by its contours: aligns the whole body, then searches limbs near remaining differences."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,8 +7,7 @@ import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.energy.backend import Energy
-from services.mocap.energy.bitplanes import count_bits
-from services.mocap.energy.cost import Cost
+from services.mocap.energy.bitplanes import count_bits, count_by_camera
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.best_path import SAME_M, apart_m
@@ -30,7 +28,7 @@ from services.mocap.search.part_confidence import (
     within,
 )
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import descend_stage, whole_body_energy, whole_body_problem
+from services.mocap.search.stages import descend_stage, whole_body_problem
 from services.mocap.take.marks import LIMB_NAMES, LIMB_PAIRS, PARTS, Part
 from services.mocap.types import Bytes, Floats
 
@@ -78,19 +76,17 @@ class _Search:
         covered = self.model.backend.coverage(
             aligned.pose[None], ALL_SURFACES, self.whole.region, self.settings.detail_px
         )[0]
-        if self.settings.cost == Cost():
-            energy_px = float(count_bits((covered ^ self.whole.silhouettes) & ~self.whole.ignored))
-            if self._wrong_px is not None:
-                energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
+        differing = (covered ^ self.whole.silhouettes) & ~self.whole.ignored
+        if self.settings.camera_weights:
+            n_cameras = self.model.rig.n_cameras
+            energy_px = float(count_by_camera(differing, n_cameras) @ self.settings.cost.weights(n_cameras))
         else:
-            energy_px = float(self._weighted_energy(aligned.pose[None])[0])
+            energy_px = float(count_bits(differing))
+        if self._wrong_px is not None:
+            energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
         aligner = self.model.aligner(self.settings)
         prices_px = float(aligner.prices_px(aligned.pose[None], self.settings)[0])
         return _Seen(aligned, covered, prices_px, energy_px + prices_px)
-
-    @cached_property
-    def _weighted_energy(self) -> Callable[[Floats], Floats]:
-        return whole_body_energy(self.model, self.whole, self.settings)
 
     @cached_property
     def _wrong_px(self) -> Energy | None:

@@ -63,5 +63,5 @@ def limb_jobs(
     settings: SearchSettings,
     limbs: Iterable[LimbName] = tuple(LIMBS),
 ) -> list[LimbJob]:
-    """The limbs of a pass, each with its part of the input and the margin of the cost."""
+    """The limbs of a pass, each with its part of the input."""
     return [LimbJob(name, limb_picture(model, name, whole, pose, settings), pose, settings) for name in limbs]

@@ -19,7 +19,6 @@ GridCounts: TypeAlias = Annotated[tuple[_Count, _Count, _Count, _Count], Strict(
 _GRID = "four integers from 1 to 15, such as [5, 5, 3, 5]"
 _SHARE = "a share, 0 or more and less than 1"
 _UP_TO_1 = "a number above 0, 1 at most"
-_UP_TO_100 = "a number from 0 to 100"
 
 
 class SearchSettings(StrictModel):
@@ -92,7 +91,7 @@ class SearchSettings(StrictModel):
     """A direction-set descent ends when one round lowers the energy by less than this share."""
     descent_rounds: int = Field(default=4, ge=1, le=100, description="an integer from 1 to 100")
     """Rounds of a direction-set descent, at most."""
-    detail_px: float = Field(default=0.5, ge=0, le=100, description=_UP_TO_100)
+    detail_px: float = Field(default=0.5, ge=0, le=100, description="a number from 0 to 100")
     """Level of detail: silhouettes of thinned meshes may be off by this many pixels of the working
     resolution; 0: always the full mesh."""
     camera_weights: _Weights = Field(

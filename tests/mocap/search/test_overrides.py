@@ -12,7 +12,6 @@ from services.mocap.search.settings import SearchSettings
 
 _STEP = st.floats(0, 1, exclude_min=True)
 _SHARE = st.floats(0, 1, exclude_max=True)
-_CAP = st.floats(0, 100)
 _GRID = st.tuples(*[st.integers(1, 15)] * 4)
 ANY_SETTINGS = st.builds(
     SearchSettings,
@@ -26,7 +25,7 @@ ANY_SETTINGS = st.builds(
     shift_step_m=_STEP,
     descent_tolerance=_SHARE,
     descent_rounds=st.integers(1, 100),
-    detail_px=_CAP,
+    detail_px=st.floats(0, 100),
     camera_weights=st.just(()) | st.tuples(st.floats(0.1, 1000), *[st.floats(0, 1000)] * 3),
 )
 

@@ -35,7 +35,7 @@ class PaperBackend:
         """See Backend.energy; raises ValueError where the cost is not plain XOR."""
         if problem.cost != Cost():
             raise ValueError(
-                "the paper backend knows plain XOR only: leave camera_weights as they are, or choose another "
+                "the paper backend knows plain XOR only: leave camera_weights empty, or choose another "
                 "backend"
             )
         region = problem.picture.region
