@@ -11,9 +11,9 @@ HARDLY_AGAINST = -2.2
 """Log odds of a pixel (its own evidence plus the other cameras') above which it may be unsure instead of
 background."""
 _UNLIKE, _UNLIKE_BESIDE = np.float32(-1.7), np.float32(-1.0)
-"""Mean evidence of a pixel and its neighbours below which it is background all the same: one pixel of an even
-wall is hardly evidence where the actor wears its colour, a whole patch that looks like the wall is. The
-second holds with few cameras, outside gaps of the actor: of the pixels between the two, 44 % are the actor's
+"""Mean evidence of a pixel and its neighbours below which it is background all the same: one pixel that looks
+like an even wall is hardly evidence where the actor wears its colour, a whole patch is. The second value
+holds with few cameras, outside gaps of the actor: of the pixels between the two values, 44 % are the actor's
 in gaps and 3 % elsewhere (five takes with three and four cameras)."""
 _GAP_PERMILLE = 40
 """Width of a gap, as a share of the picture's longer side: about that of an arm."""
@@ -30,8 +30,8 @@ def unsure_pixels(
 
     actor (h, w): 1 where the pixel was taken for the actor's. own, prior (h, w): log odds of the actor by the
     pixel's own colours, and by what the other cameras see. shape_px: of the whole picture. has_few_cameras:
-    few others exclude little of the space about the actor, so a patch there that looks about like the stage
-    is background, except in gaps; limbs would be lost in it.
+    few other cameras exclude little of the space about the actor. A patch in it that looks about like the
+    stage is then background, except in gaps; if it were unsure, the search would hide limbs there.
     """
     around = cv2.blur(own, (5, 5))
     is_unlike = around <= _UNLIKE

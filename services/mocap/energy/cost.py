@@ -47,10 +47,8 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """A picture as costs: in camera c, E_c = blank_c + the sum of gain_c over covered pixels differ.
-
-    The energy is the sum of weights_c E_c.
-    """
+    """A picture as costs: of camera c, E_c pixels differ: blank_c plus the sum of gain_c over all pixels that
+    the model covers. The energy is the sum of weights_c E_c."""
 
     gain: Ints
     """(C, h, w) -1 on the input, 1 off it, 0 where ignored."""
@@ -60,7 +58,7 @@ class Tally:
     """(C,)"""
 
     def energies(self, per_camera: Longs) -> Floats:
-        """Energies (N,) of cameras' pixels E_c (N, C)."""
+        """Energies (N,), given how many pixels E_c (N, C) of each camera differ."""
         energies: Floats = per_camera @ self.weights
         return energies
 
