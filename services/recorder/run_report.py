@@ -6,7 +6,7 @@ import platform
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,7 @@ def write_run_json(
             "xormocap": version("xormocap"),
             "protocol": PROTOCOL_VERSION,
             "python": platform.python_version(),
-            **{name: version(name) for name in _LIBRARIES},
+            **{name: _version_of(name) for name in _LIBRARIES},
         },
         "settings": _settings(info, recorded),
         "output": smoothing,
@@ -90,6 +90,14 @@ def write_run_json(
         if accuracy is not None:
             report[name] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def _version_of(library: str) -> str:
+    """Its version; a library may be here under the name of another build of it, as OpenCV often is."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:

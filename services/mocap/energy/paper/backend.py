@@ -7,7 +7,6 @@ from services.mocap.body.kinematics import surface_transforms
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes, pack
-from services.mocap.energy.cost import Cost
 from services.mocap.energy.gl.device import GlDevice
 from services.mocap.energy.paper.rasteriser import Rasteriser
 from services.mocap.energy.picture import Region
@@ -32,18 +31,19 @@ class PaperBackend:
         self._rasteriser = Rasteriser(device, body, rig.n_cameras)
 
     def energy(self, problem: Problem) -> Energy:
-        """See Backend.energy; raises ValueError where the cost is not plain XOR."""
-        if problem.cost != Cost():
+        """See Backend.energy; raises ValueError unless every camera counts as in plain XOR, or not at all."""
+        weights = problem.cost.weights(self._rig.n_cameras)
+        if not np.isin(weights, (0.0, 1.0)).all():
             raise ValueError(
                 "the paper backend knows plain XOR only: leave camera_weights empty, or choose another "
                 "backend"
             )
         region = problem.picture.region
-        every_camera = pack(np.ones((self._rig.n_cameras, region.height_px, region.width_px), bool))
+        counting = np.ones((region.height_px, region.width_px), bool) & (weights > 0)[:, None, None]
         silhouettes = _words(problem.picture.silhouettes)
-        counted = _words(every_camera & ~problem.picture.ignored)
+        counted = _words(pack(counting) & ~problem.picture.ignored)
         T_clip_world = self._clip_projections(region)
-        planes, drawn = _planes_in_words(every_camera.shape)
+        planes, drawn = _planes_in_words(problem.picture.silhouettes.shape)
 
         def count(T_world_segment: Floats) -> int:
             self._rasteriser.draw(_composed(T_clip_world, T_world_segment), problem.segments, planes)

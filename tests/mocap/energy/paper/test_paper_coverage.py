@@ -148,3 +148,17 @@ def test_another_cost_is_refused(device: GlDevice, coarse_body: Body, ring: Ring
     problem = Problem(np.zeros(N_DOF), tuple(range(N_DOF)), ALL_SURFACES, picture, cost)
     with pytest.raises(ValueError, match=r"^the paper backend knows plain XOR only: .*another backend$"):
         PaperBackend(device, coarse_body, rig).energy(problem)
+
+
+def test_a_camera_that_is_absent_does_not_count(
+    device: GlDevice, coarse_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
+    """Cameras are left out by a weight of zero."""
+    rig, poses = ring(3), random_poses(4, 5)
+    backend, dofs = PaperBackend(device, coarse_body, rig), tuple(range(N_DOF))
+    seen = Picture.whole(rig, backend.coverage(poses[:1], ALL_SURFACES, Region.whole(rig))[0])
+    cost = Cost(camera_weights=(1.0, 0.0, 1.0))
+    weighed = backend.energy(Problem(poses[0], dofs, ALL_SURFACES, seen, cost))(poses)
+    absent = Problem(poses[0], dofs, ALL_SURFACES, seen.without_cameras([1]))
+    np.testing.assert_array_equal(weighed, backend.energy(absent)(poses))
+    assert (weighed < backend.energy(Problem(poses[0], dofs, ALL_SURFACES, seen))(poses))[1:].all()
