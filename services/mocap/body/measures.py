@@ -164,11 +164,12 @@ class _Figure:
         """Points (N, 2) on the skin of some segments where a plane across an axis cuts them."""
         points = []
         for segment in (SEGMENT_INDEX[name] for name in segments):
-            one, other = self._vertices_m[segment][self._edges[segment]].transpose(1, 0, 2)
-            above, below = one[:, axis] - at_m, other[:, axis] - at_m
+            vertices_m, edges = self._vertices_m[segment], self._edges[segment]
+            above, below = (vertices_m[:, axis] - at_m)[edges].T
             crosses = (above < 0) != (below < 0)
+            one, other = vertices_m[edges[crosses]].transpose(1, 0, 2)
             share = (above[crosses] / (above[crosses] - below[crosses]))[:, None]
-            points.append(one[crosses] + share * (other[crosses] - one[crosses]))
+            points.append(one + share * (other - one))
         return np.delete(np.concatenate(points), axis, axis=1)
 
     def breadth_m(self, height_m: float, segments: tuple[str, ...]) -> float:

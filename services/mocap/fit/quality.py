@@ -1,6 +1,7 @@
 """The quality of a fit, and in which skirt it is best."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -51,6 +52,7 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
 def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor:
     """The actor in the skirt that fits silhouettes (F, P, H, W) best in poses (F, D), or without one."""
 
+    @cache
     def energy_px(skirt: Skirt | None) -> float:
         return float(quality_of(build_body(actor.wearing(skirt)), poses, rig, seen).energy_px.sum())
 
