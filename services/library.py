@@ -25,7 +25,7 @@ from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result, write_tracked
 from services.mocap.search.both_ways import solve_both_ways
-from services.mocap.search.first_frame import FirstFrame, solve_first_frame
+from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.overrides import check_weights
@@ -143,10 +143,10 @@ def _tracked(
     seen = (packed(moment.trimaps, width_px, height_px, moment.classes) for moment in moments)
     with open_engine(engine) as opened:
         begun = next(seen)
-        first = solve_first_frame(
-            begun, rig, actor, hints, lambda model, _: LocalLimbs(model), opened, search, first_pose,
-            names,
-        )  # fmt: skip
+        search_first = FirstFrameSearch(
+            rig, hints, lambda model, _: LocalLimbs(model), opened, search, names=names
+        )
+        first = search_first.solve(begun, actor, first_pose)
         with closing(first.model.backend):
             if search.goes_both_ways:
                 solved = _both_ways(first, begun, seen, poses, search, fps)

@@ -17,7 +17,7 @@ from services.logs import about
 from services.mocap.body.actor import Actor
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError
-from services.mocap.search.first_frame import FirstFrame, solve_first_frame, told_actor
+from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch, told_actor
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model, model_of
 from services.mocap.search.tracker import Tracker
@@ -95,18 +95,16 @@ class Opening:
 
     def _solved(self, first: Frame) -> FirstFrame:
         plan = self._plan
-        return solve_first_frame(
-            first.seen,
+        search = FirstFrameSearch(
             plan.rig,
-            plan.actor,
             plan.take.settings.beginning_at(plan.frames.start),
             self._pool,
             self._engine,
             plan.settings.without_cameras(first.absent, plan.rig.n_cameras),
-            plan.known_poses.get(plan.frames.start),
-            plan.camera_names,
-            self._rehearsed,
+            names=plan.camera_names,
+            made=self._rehearsed,
         )
+        return search.solve(first.seen, plan.actor, plan.known_poses.get(plan.frames.start))
 
     def continue_after(self, held: Recording) -> Tracking:
         """Continue after the recorders' poses, as if this coordinator had solved them itself."""

@@ -17,7 +17,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.both_ways import found_anew
-from services.mocap.search.first_frame import FirstFrame, first_guess
+from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
@@ -150,10 +150,9 @@ def guess_first_pose(
     names: of the cameras. The model's backend is closed. Raises TakeError for an implausible height.
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
-    picture = Picture.of_frame(rig, seen)
-    guess = first_guess(
-        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh,
-        names=names, is_fitted_next=True,
-    )  # fmt: skip
+    first = FirstFrameSearch(
+        rig, hints, lambda model, _: LocalLimbs(model), engine, search, names=names, mesh=mesh
+    )
+    guess = first.guess(hull, Picture.of_frame(rig, seen), None, is_fitted_next=True)
     guess.model.backend.close()
     return guess

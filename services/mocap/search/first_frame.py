@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,50 +67,121 @@ class FirstFrame:
         return self.first.solution
 
 
-def solve_first_frame(
-    seen: TriPlanes,
-    rig: Rig,
-    actor: Actor | None,
-    hints: TakeSettings,
-    pool: Callable[[Model, Actor], LimbPool],
-    engine: Engine,
-    settings: SearchSettings,
-    fitted_pose: Floats | None = None,
-    names: Sequence[str] = (),
-    made: Model | None = None,
-) -> FirstFrame:
-    """Find the actor and the pose of a take's first frame.
+@dataclass(frozen=True, eq=False)
+class FirstFrameSearch:
+    """Finds the actor and the pose of a take's first frame."""
 
-    seen (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
-    makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
-    (D,), where it was found along with the actor; then nothing is searched far and wide. names: of the
-    cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
-    where nobody is to be seen, or the silhouettes make no sense (look_first).
-    """
-    picture = Picture.of_frame(rig, seen)
-    if actor is not None and fitted_pose is not None:
-        model = made or model_of(actor, rig, engine)
-        limbs = pool(model, actor)
-        solution = solve_frame(model, picture, fitted_pose[None], settings, limbs)
-        return FirstFrame(actor, model, FirstPose(solution))
-    masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
-    look = look_first(rig, masks, names, possible)
-    for remark in look.remarks:
-        log.warning("%s", remark)
-    settings = settings.without_cameras(look.left_out, rig.n_cameras)
-    hull = carve(rig, look.believed(masks), look.possible)
-    guess = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
-    if actor is not None or hints.actor_height is not None:
-        return guess
-    guess.model.backend.close()
-    pose = guess.solution.pose
-    height_m = fit_height(rig, picture, pose, guess.actor.height, pool, engine, settings)
-    actor = Actor(height=round(height_m, 3))
-    log.warning("take.toml has no actor_height: %.2f m fits the first frame best", actor.height)
-    model = model_of(actor, rig, engine)
-    limbs, wide = pool(model, actor), settings.widened()
-    fitted = solve_frame(model, picture, pose[None], wide, limbs)
-    return FirstFrame(actor, model, FirstPose(fitted))
+    rig: Rig
+    hints: TakeSettings
+    """Of take.toml, for this very frame."""
+    pool: Callable[[Model, Actor], LimbPool]
+    """Makes the limb pool for a model."""
+    engine: Engine
+    """Makes the model's backend."""
+    settings: SearchSettings
+    """Those of the frames to come."""
+    names: Sequence[str] = ()
+    """Of the cameras."""
+    mesh: OwnMesh | None = None
+    """In place of the generic body, where the actor is not known."""
+    made: Model | None = None
+    """The model of the told actor (told_actor), where there is one already."""
+
+    def solve(self, seen: TriPlanes, actor: Actor | None, fitted_pose: Floats | None = None) -> FirstFrame:
+        """The actor and the pose, from what is seen (P, H, W); actor: None where the take has none.
+
+        fitted_pose: (D,), where it was found along with the actor; then nothing is searched far and wide.
+        Raises TakeError where nobody is to be seen, or the silhouettes make no sense (look_first).
+        """
+        picture, n_cameras = Picture.of_frame(self.rig, seen), self.rig.n_cameras
+        if actor is not None and fitted_pose is not None:
+            model = self._model_of(actor)
+            limbs = self.pool(model, actor)
+            solution = solve_frame(model, picture, fitted_pose[None], self.settings, limbs)
+            return FirstFrame(actor, model, FirstPose(solution))
+        masks, possible = unpack(seen.silhouettes, n_cameras), unpack(seen.possible, n_cameras)
+        look = look_first(self.rig, masks, self.names, possible)
+        for remark in look.remarks:
+            log.warning("%s", remark)
+        believing = replace(self, settings=self.settings.without_cameras(look.left_out, n_cameras))
+        hull = carve(self.rig, look.believed(masks), look.possible)
+        guess = believing.guess(hull, picture, actor)
+        if actor is not None or self.hints.actor_height is not None:
+            return guess
+        guess.model.backend.close()
+        pose = guess.solution.pose
+        actor = Actor(height=round(believing.fit_height(picture, pose, guess.actor.height), 3))
+        log.warning("take.toml has no actor_height: %.2f m fits the first frame best", actor.height)
+        model = model_of(actor, self.rig, self.engine)
+        wide = believing.settings.widened()
+        fitted = solve_frame(model, picture, pose[None], wide, self.pool(model, actor))
+        return FirstFrame(actor, model, FirstPose(fitted))
+
+    def guess(
+        self, hull: Hull, picture: Picture, actor: Actor | None, *, is_fitted_next: bool = False
+    ) -> FirstFrame:
+        """The pose, with the actor or else with the generic body, from the frame's hull and its picture.
+
+        That body, or a mesh in its place, has the height of take.toml, else of the visual hull. Raises
+        TakeError for an implausible height, or if a body of the hull's height covers too little of the
+        silhouettes, unless it is_fitted_next; the message first mentions unsure areas.
+        """
+        told = told_actor(actor, self.hints, self.mesh)
+        unsure = _unsure_shares(picture, self.rig, self.names)
+        with unsure.blamed_first():
+            actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=self.mesh)
+        if not (hull.suits(actor.height) or hull.lies(actor.height)):
+            sentence = (
+                f"the actor, {actor.height:.2f} m tall, is {hull.height_m:.2f} m high in the first frame: "
+                "check the scale of the calibration"
+            )
+            log.warning("%s", unsure.before(sentence))
+        model = self._model_of(actor)
+        first = self._first_pose(model, picture, hull, self.pool(model, actor))
+        if not is_fitted_next:  # before a fit, a coat is wider than any body
+            tell_facing(first)
+            pose = first.solution.pose
+            try:
+                check_alone(model, picture, pose, self.settings, self.names, is_told=told is not None)
+            except TakeError:
+                model.backend.close()
+                raise
+        return FirstFrame(actor, model, first)
+
+    def _model_of(self, actor: Actor) -> Model:
+        return self.made or model_of(actor, self.rig, self.engine)
+
+    def _first_pose(self, model: Model, picture: Picture, hull: Hull, limbs: LimbPool) -> FirstPose:
+        if self.hints.initial_pose:
+            standing = standing_pose(model, hull)
+            standing[DOF_INDEX["root_heading"]] = self.hints.facing_rad or 0.0
+            start = self.hints.with_initial_pose(standing)
+            return FirstPose(solve_frame(model, picture, start[None], self.settings.widened(), limbs))
+        return find_first_pose(model, picture, hull, limbs, self.settings, self.hints.facing_rad)
+
+    def fit_height(self, picture: Picture, pose: Floats, height_m: float) -> float:
+        """The height in metres, near height_m, of the generic body that leaves the least energy.
+
+        picture: a whole frame. pose (D,): its pose, found with a body of height_m, which is in
+        _HEIGHT_RANGE_M; for each other height one pass searches the pose from there.
+        """
+        # No level of detail: thinning a body's meshes takes longer than one search.
+        once = self.settings.model_copy(update={"max_passes": 1, "detail_px": 0.0})
+
+        def energy_px(steps: float) -> float:
+            scale = 1.0 + _HEIGHT_STEP * steps
+            actor = Actor(height=height_m * scale)
+            model, start = model_of(actor, self.rig, self.engine), pose.copy()
+            # The feet stay on the ground.
+            start[DOF_INDEX["root_z"]] += (scale - 1.0) * model.body.pelvis_height_m
+            found = solve_frame(model, picture, start[None], once, self.pool(model, actor))
+            model.backend.close()
+            return found.energy_px
+
+        low, high = ((limit_m / height_m - 1.0) / _HEIGHT_STEP for limit_m in _HEIGHT_RANGE_M)
+        least, most = max(low, -_LARGEST_STEPS), min(high, _LARGEST_STEPS)
+        best = minimise_line(energy_px, energy_px(0.0), least, most, _TOLERANCE_STEPS, _MOST_TRIES)
+        return height_m * (1.0 + _HEIGHT_STEP * best.t)
 
 
 def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:
@@ -119,48 +190,6 @@ def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = 
     if actor is not None or hints.actor_height is None:
         return actor
     return Actor(height=round(hints.actor_height, 3), mesh=mesh)
-
-
-def first_guess(
-    hull: Hull,
-    picture: Picture,
-    rig: Rig,
-    actor: Actor | None,
-    hints: TakeSettings,
-    pool: Callable[[Model, Actor], LimbPool],
-    engine: Engine,
-    settings: SearchSettings,
-    mesh: OwnMesh | None = None,
-    made: Model | None = None,
-    names: Sequence[str] = (),
-    *,
-    is_fitted_next: bool = False,
-) -> FirstFrame:
-    """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
-
-    That body, or a mesh in its place, has the height of take.toml, else of the visual hull. Other arguments
-    as in solve_first_frame. Raises TakeError for an implausible height, or if a body of the hull's height
-    covers too little of the silhouettes, unless it is_fitted_next; the message first mentions unsure areas.
-    """
-    told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
-    with unsure.blamed_first():
-        actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
-    if not (hull.suits(actor.height) or hull.lies(actor.height)):
-        sentence = (
-            f"the actor, {actor.height:.2f} m tall, is {hull.height_m:.2f} m high in the first frame: check "
-            "the scale of the calibration"
-        )
-        log.warning("%s", unsure.before(sentence))
-    model = made or model_of(actor, rig, engine)
-    first = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
-    if not is_fitted_next:  # before a fit, a coat is wider than any body
-        tell_facing(first)
-        try:
-            check_alone(model, picture, first.solution.pose, settings, names, is_told=told is not None)
-        except TakeError:
-            model.backend.close()
-            raise
-    return FirstFrame(actor, model, first)
 
 
 def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureShares:
@@ -180,17 +209,6 @@ def _plausible_height_m(hull: Hull) -> float:
         f"calibration.toml: what cameras see of the actor in the first frame is {hull.height_m:.2f} m high: "
         "check that translations are in metres, or give actor_height in take.toml"
     )
-
-
-def _first_pose(
-    model: Model, picture: Picture, hull: Hull, hints: TakeSettings, limbs: LimbPool, settings: SearchSettings
-) -> FirstPose:
-    if hints.initial_pose:
-        standing = standing_pose(model, hull)
-        standing[DOF_INDEX["root_heading"]] = hints.facing_rad or 0.0
-        start = hints.with_initial_pose(standing)
-        return FirstPose(solve_frame(model, picture, start[None], settings.widened(), limbs))
-    return find_first_pose(model, picture, hull, limbs, settings, hints.facing_rad)
 
 
 def tell_facing(first: FirstPose) -> None:
@@ -244,44 +262,3 @@ def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: Sear
     )
     counts = (all_px > 0) & (settings.cost.weights(model.rig.n_cameras) > 0)
     return float(np.mean(left_px[counts] / all_px[counts])) if counts.any() else 0.0
-
-
-def fit_height(
-    rig: Rig,
-    picture: Picture,
-    pose: Floats,
-    height_m: float,
-    pool: Callable[[Model, Actor], LimbPool],
-    engine: Engine,
-    settings: SearchSettings,
-) -> float:
-    """The height in metres, near height_m, of the generic body that leaves the least energy.
-
-    picture: a whole frame. pose (D,): its pose, found with a body of height_m, which is in _HEIGHT_RANGE_M;
-    for each other height one pass searches the pose from there. pool makes the limb pool for a model, engine
-    the model's backend; settings: those of the frames to come.
-    """
-    # No level of detail: thinning a body's meshes takes longer than one search.
-    once = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0})
-
-    def energy_px(steps: float) -> float:
-        scale = 1.0 + _HEIGHT_STEP * steps
-        actor = Actor(height=height_m * scale)
-        model, start = model_of(actor, rig, engine), pose.copy()
-        # The feet stay on the ground.
-        start[DOF_INDEX["root_z"]] += (scale - 1.0) * model.body.pelvis_height_m
-        limbs = pool(model, actor)
-        found = solve_frame(model, picture, start[None], once, limbs)
-        model.backend.close()
-        return found.energy_px
-
-    low, high = ((limit_m / height_m - 1.0) / _HEIGHT_STEP for limit_m in _HEIGHT_RANGE_M)
-    best = minimise_line(
-        energy_px,
-        energy_px(0.0),
-        max(low, -_LARGEST_STEPS),
-        min(high, _LARGEST_STEPS),
-        _TOLERANCE_STEPS,
-        _MOST_TRIES,
-    )
-    return height_m * (1.0 + _HEIGHT_STEP * best.t)

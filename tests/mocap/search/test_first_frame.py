@@ -16,7 +16,7 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.search.first_frame import first_guess, solve_first_frame
+from services.mocap.search.first_frame import FirstFrameSearch
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -39,6 +39,10 @@ def _hints(**fields: object) -> TakeSettings:
 def _pool(model: Model, actor: Actor) -> LocalLimbs:
     assert model.body.height_m == actor.height
     return LocalLimbs(model)
+
+
+def _search(hints: TakeSettings, settings: SearchSettings | None = None) -> FirstFrameSearch:
+    return FirstFrameSearch(RIG, hints, _pool, CPU, settings or SearchSettings())
 
 
 def _pose() -> Floats:
@@ -68,7 +72,7 @@ def _mean_error_mm(found: Floats, actor: Actor) -> float:
 
 def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        found = solve_first_frame(_seen(), RIG, None, _hints(), _pool, CPU, SearchSettings())
+        found = _search(_hints()).solve(_seen(), None)
     assert abs(found.actor.height - HEIGHT_M) < 0.02
     assert _mean_error_mm(found.solution.pose, found.actor) < 25
     assert "take.toml has no actor_height" in caplog.text
@@ -76,14 +80,14 @@ def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptur
 
 def test_the_height_of_take_toml_is_kept() -> None:
     hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
-    found = solve_first_frame(_seen(), RIG, None, hints, _pool, CPU, SearchSettings())
+    found = _search(hints).solve(_seen(), None)
     assert found.actor == Actor(height=1.78)
 
 
 def test_an_actor_outweighs_the_height_of_take_toml() -> None:
     actor = Actor(height=HEIGHT_M, bone_lengths={"hand": 0.2})
     hints = _hints(actor_height=1.6, initial_pose={"root_heading_rad": 2.0})
-    assert solve_first_frame(_seen(), RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
+    assert _search(hints).solve(_seen(), actor).actor == actor
 
 
 def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
@@ -94,7 +98,7 @@ def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
         _hints(facing=300.0),
         SearchSettings(max_passes=1),
     )  # what it says has had its say in the fit
-    found = solve_first_frame(_seen(), RIG, actor, hints, _pool, CPU, once, near)
+    found = _search(hints, once).solve(_seen(), actor, near)
     assert found.actor == actor
     assert found.solution.passes == 0
     assert _mean_error_mm(found.solution.pose, actor) < 10
@@ -103,7 +107,7 @@ def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
 @pytest.mark.parametrize("turned_deg", [0, 180])
 def test_facing_decides(turned_deg: float) -> None:
     hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)
-    found = solve_first_frame(_seen(), RIG, None, hints, _pool, CPU, SearchSettings()).solution
+    found = _search(hints).solve(_seen(), None).solution
     turned = np.radians(turned_deg)
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
@@ -116,10 +120,10 @@ def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
     other[:3] += 0.5 * np.cos(3.57), 0.5 * np.sin(3.57), 0.0  # beside each other
     both, hints = TriPlanes.sure(_silhouettes(pose) | _silhouettes(other)), _hints(facing=np.degrees(2.0))
     with pytest.raises(TakeError, match=r"^silhouettes: one body covers only \d\d% .* two people close"):
-        solve_first_frame(both, RIG, None, hints, _pool, CPU, SearchSettings())
+        _search(hints).solve(both, None)
     actor = Actor(height=HEIGHT_M)
     with caplog.at_level(logging.WARNING):
-        assert solve_first_frame(both, RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
+        assert _search(hints).solve(both, actor).actor == actor
     assert "two people close together" in caplog.text
 
 
@@ -135,7 +139,7 @@ def test_much_that_is_unsure_is_blamed_before_a_second_person() -> None:
     seen = TriPlanes(pack(possible & ~unsure), pack(unsure))
     said = r"^silhouettes: \d\d% of the possible actor in camera 4 of 5 cannot be told .* two people close"
     with pytest.raises(TakeError, match=said):
-        solve_first_frame(seen, RIG, None, _hints(facing=np.degrees(2.0)), _pool, CPU, SearchSettings())
+        _search(_hints(facing=np.degrees(2.0))).solve(seen, None)
 
 
 def test_somebody_who_lies_is_no_dwarf(caplog: pytest.LogCaptureFixture) -> None:
@@ -146,7 +150,7 @@ def test_somebody_who_lies_is_no_dwarf(caplog: pytest.LogCaptureFixture) -> None
     assert hull.lies(HEIGHT_M)
     assert not hull.lies(0.7 * HEIGHT_M / 2)
     assert not carve(RIG, unpack(_silhouettes(_pose()), RIG.n_cameras)).lies(HEIGHT_M)
-    guess = first_guess(hull, picture, RIG, None, _hints(), _pool, CPU, usual, is_fitted_next=True)
+    guess = _search(_hints(), usual).guess(hull, picture, None, is_fitted_next=True)
     assert guess.actor.height == DEFAULT_HEIGHT_M
     assert "seems to lie or crawl: a height of 1.72 m is assumed" in caplog.text
     assert "check the scale" not in caplog.text
@@ -158,10 +162,10 @@ def test_a_small_world_is_refused() -> None:
     shrunk = Hull(0.3 * hull.points_world_m, hull.firm)
     picture = Picture.of_frame(RIG, _seen())
     with pytest.raises(TakeError, match=r"is 0\.5\d m high: check that translations are in metres"):
-        first_guess(shrunk, picture, RIG, None, _hints(), _pool, CPU, SearchSettings())
+        _search(_hints()).guess(shrunk, picture, None)
 
 
 def test_an_empty_stage_is_said() -> None:
     nobody = TriPlanes.sure(np.zeros((1, *RIG.shape_px), np.uint8))
     with pytest.raises(TakeError, match="choose a first frame"):
-        solve_first_frame(nobody, RIG, None, _hints(), _pool, CPU, SearchSettings())
+        _search(_hints()).solve(nobody, None)

@@ -8,10 +8,11 @@ import pytest
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.first_frame import fit_height
+from services.mocap.search.first_frame import FirstFrameSearch
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 
 
@@ -28,14 +29,8 @@ def test_the_height_is_found_from_a_wrong_one(
     monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path))
     pose = standing(root_heading=40, shoulder_elevation=-60, hip_abduction=6, elbow_flexion=15)
     cpu = open_engine(EngineSettings(backend="cpu"))
-    found_m = fit_height(
-        model.rig,
-        picture_of(pose),
-        pose,
-        believed_m,
-        lambda tried, _: LocalLimbs(tried),
-        cpu,
-        SearchSettings(),
-    )
+    hints = TakeSettings(name="t", fps=15.0, units="m", up="z", frames=1)
+    search = FirstFrameSearch(model.rig, hints, lambda tried, _: LocalLimbs(tried), cpu, SearchSettings())
+    found_m = search.fit_height(picture_of(pose), pose, believed_m)
     assert abs(found_m - model.body.height_m) < 0.015
     assert list(tmp_path.iterdir()) == []
