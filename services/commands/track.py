@@ -1,6 +1,7 @@
 """`xormocap track`: tracks a recorded take."""
 
 import tempfile
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +27,7 @@ from services.mocap.take.fit_record import FIT_FOLDER, was_refined
 from services.mocap.take.folder import open_take
 from services.recorder.result_folder import check_out
 from services.runs.fit import init_frames
+from services.runs.launcher import fork_server
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.segmentation.segmenters import chosen_segmenter
@@ -106,7 +108,7 @@ def track(
         endpoint=endpoint,
     )
     check_cost(engine, job.search.cost)
-    with tempfile.TemporaryDirectory(prefix="xormocap-silhouettes-") as kept:
+    with tempfile.TemporaryDirectory(prefix="xormocap-silhouettes-") as kept, ExitStack() as stack:
         silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
         if check:
             job = replace(job, frames=in_view(silhouettes, job.frames))
@@ -122,6 +124,8 @@ def track(
         if again:
             _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
             job = replace(job, kept=Path(kept))
+        if forks := fork_server(job.kinds, Path(kept)):  # it loads code while the actor is fitted
+            job = replace(job, forks=stack.enter_context(closing(forks)))
         first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:
             report = fit_and_track(first, silhouettes, mesh, goes_on=again)

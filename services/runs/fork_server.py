@@ -6,7 +6,7 @@ the start on a small machine. `ForkServer` is the launcher's side; the other one
 answers are the new process's id at once, and (id, exit code) at its end.
 
 multiprocessing's forkserver does not serve here: a process has one at most, with the environment and the
-output that it had at first, while every run has a server with its own.
+output that it had at first, while runs may have servers with their own.
 """
 
 import gc
@@ -139,8 +139,9 @@ class ForkServer:
         return self._codes.get(pid)
 
     def close(self) -> None:
-        """End the server, after all processes that it started."""
+        """End the server, after all processes that it started; it may still be loading code."""
         self._line.close()
+        self._process.terminate()
         self._process.wait()
         if self._log_path.exists() and not self._log_path.stat().st_size:
             self._log_path.unlink()

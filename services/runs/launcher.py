@@ -71,29 +71,38 @@ class _Running:
     started_s: float = field(default_factory=time.monotonic)
 
 
+def fork_server(kinds: Iterable[str], log_folder: Path) -> ForkServer | None:
+    """A server that starts services of some kinds, the caller's to close; None where the system cannot
+    fork."""
+    if not can_fork():
+        return None
+    modules = [SERVICES[kind].module for kind in kinds]
+    return ForkServer(modules, _own_environment(os.environ), log_folder / _STARTS_LOG)
+
+
 class Launcher:
     """A context manager that leaves no process behind."""
 
-    def __init__(self, log_folder: Path, kinds: Iterable[str] = SERVICES) -> None:
-        """kinds: those that will be started."""
+    def __init__(
+        self, log_folder: Path, kinds: Iterable[str] = SERVICES, forks: ForkServer | None = None
+    ) -> None:
+        """kinds: those that will be started; forks: starts them, where a fork server runs already."""
         self._log_folder, self._kinds = log_folder, kinds
         self._running: list[_Running] = []
         self._restarts: Counter[str] = Counter()
         self._told: set[str] = set()
-        self._forks: ForkServer | None = None
+        self._forks, self._is_shared = forks, forks is not None
 
     def __enter__(self) -> Self:
-        if can_fork():
-            modules = [SERVICES[kind].module for kind in self._kinds]
-            environment = _own_environment(os.environ)
-            self._forks = ForkServer(modules, environment, self._log_folder / _STARTS_LOG)
+        if not self._is_shared:
+            self._forks = fork_server(self._kinds, self._log_folder)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
-        if self._forks is not None:
+        if self._forks is not None and not self._is_shared:
             self._forks.close()
 
     def start(self, name: str, *arguments: str, copies: int = 1) -> None:

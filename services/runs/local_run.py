@@ -26,6 +26,7 @@ from services.options import (
 )  # fmt: skip
 from services.process import StopRequest
 from services.runs import ServiceFailedError
+from services.runs.fork_server import ForkServer
 from services.runs.launcher import SERVICES, Launcher
 from services.runs.progress import Progress, ProgressWatch
 
@@ -60,6 +61,13 @@ class Job:
     """Address of the page, as HOST:PORT; None: no page."""
     keys: Path | None = None
     """The folder of xormocap keys, if the coordinator listens beyond this machine."""
+    forks: ForkServer | None = None
+    """Starts all processes, if several runs share it; None: each run has its own."""
+
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds of processes that it takes."""
+        return [kind for kind in SERVICES if kind != "viewer" or self.page is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,9 +107,8 @@ def run_services(
     when all processes run. Raises UserError, or ServiceFailedError, after which the logs stay.
     """
     logs = Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
-    kinds = [kind for kind in SERVICES if kind != "viewer" or job.page is not None]
     try:
-        with StopRequest() as stop, Launcher(logs, kinds) as launcher:
+        with StopRequest() as stop, Launcher(logs, job.kinds, job.forks) as launcher:
             if plan.actor is not None and job.search.detail_px > 0:
                 levels_of(build_body(plan.actor))
             _start(launcher, job, plan)
