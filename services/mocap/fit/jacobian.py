@@ -43,14 +43,14 @@ class ShapeSlopes:
     ) -> "ShapeSlopes":
         """By differences from the shape vector x (len(PARAMETERS),), with the mesh and the skirt of base."""
         body = shape_space.body_of(x, base)
-        vertices_m, starts = _vertices_m(body), topology(body.mesh).starts
+        vertices_m, starts = _vertices_m(body), topology(body.mesh).starts[:-1]
         vertex_slopes_m = np.zeros((len(vertices_m), len(parameters), 3))
         offset_slopes_m = np.empty((len(parameters), *body.offsets_m.shape))
         for k, parameter in enumerate(parameters):
             moved = x.copy()
             moved[parameter] += _STEP
             other = shape_space.body_of(moved, base)
-            for start, (here_m, _), (there_m, _) in zip(starts, body.surfaces, other.surfaces, strict=False):
+            for start, (here_m, _), (there_m, _) in zip(starts, body.surfaces, other.surfaces, strict=True):
                 if not np.array_equal(here_m, there_m):  # most parameters move few surfaces
                     vertex_slopes_m[start : start + len(here_m), k] = (there_m - here_m) / _STEP
             offset_slopes_m[k] = (other.offsets_m - body.offsets_m) / _STEP
