@@ -24,7 +24,7 @@ def test_costs_that_paper_does_not_know_are_refused(
     )
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "--backend paper: counts differing pixels and knows no camera_weights: leave that setting out, or "
-        "choose another backend"
+        "--backend paper: counts differing pixels and knows only the camera_weights 0 and 1: leave that "
+        "setting out, or choose another backend"
     ]
     assert not out.exists()

@@ -124,7 +124,8 @@ def track(
         if again:
             _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
             job = replace(job, kept=Path(kept))
-        if forks := fork_server(job.kinds, Path(kept)):  # it loads code while the actor is fitted
+        forks = fork_server(job.kinds, Path(kept))  # it loads code while the actor is fitted
+        if forks is not None:
             job = replace(job, forks=stack.enter_context(closing(forks)))
         first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:

@@ -93,11 +93,12 @@ def write_run_json(
 
 
 def _version_of(library: str) -> str:
-    """Its version; a library may be here under the name of another build of it, as OpenCV often is."""
+    """Its version. A library may be missing, or here as another build with another name, as OpenCV often
+    is."""
     try:
         return version(library)
     except PackageNotFoundError:
-        return "unknown"
+        return "not installed under this name"
 
 
 def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:

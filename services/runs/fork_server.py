@@ -11,6 +11,7 @@ output that it had at first, while runs may have servers with their own.
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -123,6 +124,7 @@ class ForkServer:
             lines = self._log_path.read_text(errors="replace").splitlines()
             why = lines[-1] if lines else "it said nothing"
             raise ServiceFailedError(f"the process that starts services has ended: {why}") from None
+        self._codes.pop(said, None)  # of an earlier process with this id
         return Forked(self, said)
 
     def code_of(self, pid: int) -> int | None:
@@ -138,8 +140,19 @@ class ForkServer:
             self._codes.setdefault(pid, _UNKNOWN)
         return self._codes.get(pid)
 
+    @property
+    def is_running(self) -> bool:
+        """Whether it can start processes."""
+        return self._process.poll() is None
+
+    def keep_log(self, folder: Path) -> None:
+        """Copy the server's own log to a folder, unless it is empty."""
+        if self._log_path.exists() and self._log_path.stat().st_size:
+            shutil.copy(self._log_path, folder)
+
     def close(self) -> None:
-        """End the server, after all processes that it started; it may still be loading code."""
+        """Kill the server, even while it loads code; call it once all processes that it started have
+        ended."""
         self._line.close()
         self._process.terminate()
         self._process.wait()

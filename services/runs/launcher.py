@@ -86,24 +86,28 @@ class Launcher:
     def __init__(
         self, log_folder: Path, kinds: Iterable[str] = SERVICES, forks: ForkServer | None = None
     ) -> None:
-        """kinds: those that will be started; forks: starts them, where a fork server runs already."""
+        """kinds: those that will be started. forks: starts them in place of a server of the launcher's own,
+        unless it has ended; it imports the modules of these kinds."""
         self._log_folder, self._kinds = log_folder, kinds
         self._running: list[_Running] = []
         self._restarts: Counter[str] = Counter()
         self._told: set[str] = set()
-        self._forks, self._is_shared = forks, forks is not None
+        self._forks = forks
+        self._own_forks: ForkServer | None = None
 
     def __enter__(self) -> Self:
-        if not self._is_shared:
-            self._forks = fork_server(self._kinds, self._log_folder)
+        if self._forks is None or not self._forks.is_running:
+            self._forks = self._own_forks = fork_server(self._kinds, self._log_folder)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
-        if self._forks is not None and not self._is_shared:
-            self._forks.close()
+        if self._own_forks is not None:
+            self._own_forks.close()
+        elif self._forks is not None:
+            self._forks.keep_log(self._log_folder)
 
     def start(self, name: str, *arguments: str, copies: int = 1) -> None:
         """Start processes of a kind; each logs to a file of its own."""

@@ -9,9 +9,13 @@ from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
+from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask, Trimap
 from services.segmentation.segmenters import AUTO, make_segmenter
+
+_KEPT = 3
+"""Frames whose trimaps are returned."""
 
 
 def outlines_of(
@@ -22,25 +26,25 @@ def outlines_of(
     segmenter: str = AUTO,
     moved: Mapping[str, Mask] | None = None,
 ) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
-    """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
+    """The cameras without lens distortion, their outlines in some frames, and the trimaps of a few of these.
 
-    every: use every n-th frame. The trimaps (C, H, W) are those of the frame in the middle. progress: called
-    with 0 to 1. moved: by camera the pixels (h, w) that show a moved object (Segmenter.moved), which one
-    camera alone takes for the actor; they are unsure.
+    every: use every n-th frame. The trimaps (K, C, H, W) are those of the first, the middle and the last one
+    of them. progress: called with 0 to 1. moved: by camera the pixels (h, w) that show a moved object
+    (Segmenter.moved), which one camera alone takes for the actor; they are unsure.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
     outlines: list[list[Outline | None]] = []
-    middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
-    chosen = range(0, len(frames), every)
+    kept = evenly(len(range(0, len(frames), every)), _KEPT).tolist()
+    few: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
     for c, camera in enumerate(take.cameras):
         alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
         trimaps = alone.trimaps(frames.start, frames.stop)
         of_camera: list[Outline | None] = []
         for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
             of_camera.append(outline_of(trimap, cameras[c]))
-            if n == len(chosen) // 2:
-                middle[c] = in_common_size(trimap, width_px, height_px)
+            if n in kept:
+                few[kept.index(n), c] = in_common_size(trimap, width_px, height_px)
         outlines.append(of_camera)
         progress((c + 1) / len(take.cameras))
-    return cameras, outlines, middle
+    return cameras, outlines, few

@@ -3,18 +3,13 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from services.runs.fork_server import Birth, Forked, ForkServer
+from services.runs.fork_server import ForkServer
 
 _CHANGING = "PYTEST_CURRENT_TEST"
 
 
 class _LastingServer(ForkServer):
     """A server whose end launchers do not decide on."""
-
-    def start(self, birth: Birth) -> Forked:
-        started = super().start(birth)
-        self._codes.pop(started.pid, None)  # of an earlier process with that id
-        return started
 
     def close(self) -> None:
         """Nothing: another run may need it."""

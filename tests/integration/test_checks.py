@@ -216,6 +216,12 @@ def test_what_is_not_certain_is_a_remark(
     assert remedy.format(take=take) in remark
 
 
+def test_a_jump_is_no_remark(take: Path, remarks: Callable[[Path], list[str]]) -> None:
+    """Feet that reach the floor before and after it are not missing."""
+    _in_all(take, lambda mask, frame: _cut_feet(mask, frame) if 10 <= frame < 30 else mask)
+    assert not any("above the floor" in remark for remark in remarks(take))
+
+
 def test_a_late_camera_is_told_beside_a_second_person(
     take: Path, remarks: Callable[[Path], list[str]]
 ) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,20 @@ def test_marks_reach_the_table_and_the_report(take: Path, truth: Floats, tmp_pat
     assert trust["distrusted_frames"] == trust["distrusted_frames_by_part"]["left_arm"] == 2
     assert sum(trust["distrusted_frames_by_part"].values()) == 2
     assert trust["lowest_confidence"] == {"torso": 0.9, "left_arm": 0.05}
+
+
+def test_a_report_needs_no_library_under_its_name(
+    take: Path, truth: Floats, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def version_of(library: str) -> str:
+        if library != "xormocap":
+            raise PackageNotFoundError(library)
+        return "1"
+
+    monkeypatch.setattr("services.recorder.run_report.version", version_of)
+    versions = results(tmp_path / "out", take, recorded(truth), OutputSettings())["versions"]
+    assert versions["xormocap"] == "1"
+    assert versions["opencv-contrib-python-headless"] == "not installed under this name"
 
 
 def test_nobody_judged() -> None:

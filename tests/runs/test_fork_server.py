@@ -15,6 +15,7 @@ import pytest
 from services.process import PARENT_VARIABLE
 from services.runs import ServiceFailedError
 from services.runs.fork_server import Birth, ForkServer
+from services.runs.launcher import SERVICES, Launcher, ServiceSpec
 
 _TOY = """
 import os, sys, time
@@ -33,14 +34,18 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="launchers use i
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[ForkServer]:
     """Where a package toy can be imported, and one that cannot."""
-    for name, code in (("toy", _TOY), ("broken", "import no_such_module\n")):
+    slow = "import time\ntime.sleep(60)\n"
+    for name, code in (("toy", _TOY), ("broken", "import no_such_module\n"), ("slow", slow)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").touch()
         (tmp_path / name / "__main__.py").write_text(code)
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{Path.cwd()}"}
-    made = ForkServer(["toy"], environment, tmp_path / "starts.log")
+    made = ForkServer(["toy"], _environment(tmp_path), tmp_path / "starts.log")
     yield made
     made.close()
+
+
+def _environment(tmp_path: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": f"{tmp_path}:{Path.cwd()}"}
 
 
 def birth(tmp_path: Path, *arguments: str, module: str = "toy") -> Birth:
@@ -116,3 +121,32 @@ def test_a_log_that_cannot_be_written_is_no_end(server: ForkServer, tmp_path: Pa
     with pytest.raises(FileNotFoundError):
         server.start(Birth("toy", ["0"], str(tmp_path / "nowhere" / "toy.log")))
     assert server.start(birth(tmp_path, "3")).wait(20) == 3
+
+
+@pytest.mark.usefixtures("server")
+def test_a_server_that_still_loads_code_is_closed_at_once(tmp_path: Path) -> None:
+    loading = ForkServer(["slow"], _environment(tmp_path), tmp_path / "slow.log")
+    assert loading.is_running
+    loading.close()
+    assert not loading.is_running
+
+
+def test_launchers_share_a_server_as_long_as_it_runs(
+    server: ForkServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", _environment(tmp_path)["PYTHONPATH"])
+    monkeypatch.setitem(SERVICES, "toy", ServiceSpec("toy", most_restarts=0))
+    starters = []
+    for _ in range(3):
+        logs = tmp_path / f"logs{len(starters)}"
+        logs.mkdir()
+        with Launcher(logs, ["toy"], server) as launcher:
+            launcher.start("toy", "0", "--seconds", "60")
+            starter = psutil.Process(launcher.pids("toy")[0]).parent()
+        assert starter is not None
+        starters.append(starter)
+        if len(starters) == 2:
+            starter.kill()
+            starter.wait(20)
+    assert starters[0] == starters[1] != starters[2]
+    assert not starters[2].is_running(), "the third launcher has made a server for itself"

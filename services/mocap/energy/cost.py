@@ -21,19 +21,25 @@ class Cost:
     (services.mocap.energy.colours). No backend has to know of it, so it is left out when costs are
     compared."""
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is plain XOR of some cameras: each counts as a whole, or not at all."""
+        return set(self.camera_weights) <= {0.0, 1.0}
+
     def weights(self, n_cameras: int) -> Floats:
-        """(C,) weight of each camera's pixels."""
+        """(C,) weight of each camera's pixels; raises ValueError where their number is not that of
+        cameras."""
+        if self.camera_weights and len(self.camera_weights) != n_cameras:
+            raise ValueError(f"camera_weights: expected {n_cameras}, one per camera, or none")
         return np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
 
     def tally(self, picture: Picture) -> "Tally":
         """Convert a picture to the energy that each covered pixel adds.
 
-        Raises ValueError where the number of weights is not that of cameras, or where planes are not of one
-        size.
+        Raises ValueError as weights does, or where planes are not of one size.
         """
         n_cameras = len(picture.region.origin_px)
-        if self.camera_weights and len(self.camera_weights) != n_cameras:
-            raise ValueError(f"camera_weights: expected {n_cameras}, one per camera, or none")
+        weights = self.weights(n_cameras)
         # Compiled code tells arrays that may be written to from others: for these it would be compiled again.
         silhouettes = np.require(picture.silhouettes, requirements=("C", "W"))
         ignored = np.require(picture.ignored, requirements=("C", "W"))
@@ -42,7 +48,7 @@ class Cost:
             raise ValueError("picture: expected planes of one size")
         blank = np.empty(n_cameras, np.int64)
         _fill(silhouettes, ignored, gain, blank)
-        return Tally(gain, blank, self.weights(n_cameras))
+        return Tally(gain, blank, weights)
 
 
 @dataclass(frozen=True, eq=False)

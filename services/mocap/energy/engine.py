@@ -98,10 +98,10 @@ class Engine:
 
 def check_cost(settings: EngineSettings, cost: Cost) -> None:
     """Raises UserError where the backend that is asked for does not know a cost."""
-    if settings.backend == "paper" and cost != Cost():
+    if settings.backend == "paper" and not cost.is_plain:
         raise UserError(
-            "--backend paper: counts differing pixels and knows no camera_weights: leave that setting out, "
-            "or choose another backend"
+            "--backend paper: counts differing pixels and knows only the camera_weights 0 and 1: leave that "
+            "setting out, or choose another backend"
         )
 
 

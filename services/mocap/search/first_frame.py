@@ -110,7 +110,8 @@ class FirstFrameSearch:
             return guess
         guess.model.backend.close()
         pose = guess.solution.pose
-        actor = Actor(height=round(believing.fit_height(picture, pose, guess.actor.height), 3))
+        height_m = believing.fit_height(picture, pose, guess.actor.height)
+        actor = Actor(height=round(height_m, 3), mesh=self.mesh)
         log.warning("take.toml has no actor_height: %.2f m fits the first frame best", actor.height)
         model = model_of(actor, self.rig, self.engine)
         wide = believing.settings.widened()
@@ -160,7 +161,8 @@ class FirstFrameSearch:
         return find_first_pose(model, picture, hull, limbs, self.settings, self.hints.facing_rad)
 
     def fit_height(self, picture: Picture, pose: Floats, height_m: float) -> float:
-        """The height in metres, near height_m, of the generic body that leaves the least energy.
+        """The height in metres, near height_m, of the body that leaves the least energy: the generic one, or
+        the mesh in its place.
 
         picture: a whole frame. pose (D,): its pose, found with a body of height_m, which is in
         _HEIGHT_RANGE_M; for each other height one pass searches the pose from there.
@@ -170,7 +172,7 @@ class FirstFrameSearch:
 
         def energy_px(steps: float) -> float:
             scale = 1.0 + _HEIGHT_STEP * steps
-            actor = Actor(height=height_m * scale)
+            actor = Actor(height=height_m * scale, mesh=self.mesh)
             model, start = model_of(actor, self.rig, self.engine), pose.copy()
             # The feet stay on the ground.
             start[DOF_INDEX["root_z"]] += (scale - 1.0) * model.body.pelvis_height_m

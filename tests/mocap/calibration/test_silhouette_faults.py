@@ -39,5 +39,5 @@ def test_legs_at_the_lower_edge_are_told_but_no_object(
         trimap[crate] = UNSURE
     outlines = [[outline_of(trimap, camera)] for camera in cameras]
     moved = {} if crate is None else {camera.name: crate for camera in cameras}
-    found = list(silhouette_faults(cameras, outlines, np.stack([trimap] * 3), moved))
+    found = list(silhouette_faults(cameras, outlines, np.stack([trimap] * 3)[None], moved))
     assert any("legs or feet are not in view" in mistake.what for mistake in found) == is_cut

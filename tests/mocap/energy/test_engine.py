@@ -187,8 +187,8 @@ def test_a_cost_that_paper_does_not_know_is_refused() -> None:
     with pytest.raises(UserError) as refused:
         check_cost(EngineSettings(backend="paper"), cost)
     assert str(refused.value) == (
-        "--backend paper: counts differing pixels and knows no camera_weights: leave that setting out, or "
-        "choose another backend"
+        "--backend paper: counts differing pixels and knows only the camera_weights 0 and 1: leave that "
+        "setting out, or choose another backend"
     )
     check_cost(EngineSettings(backend="paper"), Cost())
     for other in ("auto", "gl", "cpu"):

@@ -31,15 +31,15 @@ class PaperBackend:
         self._rasteriser = Rasteriser(device, body, rig.n_cameras)
 
     def energy(self, problem: Problem) -> Energy:
-        """See Backend.energy; raises ValueError unless every camera counts as in plain XOR, or not at all."""
-        weights = problem.cost.weights(self._rig.n_cameras)
-        if not np.isin(weights, (0.0, 1.0)).all():
+        """See Backend.energy; raises ValueError unless each camera counts as a whole, or not at all."""
+        if not problem.cost.is_plain:
             raise ValueError(
-                "the paper backend knows plain XOR only: leave camera_weights empty, or choose another "
-                "backend"
+                "the paper backend knows only the camera_weights 0 and 1: leave them empty, or choose "
+                "another backend"
             )
+        counts = problem.cost.weights(self._rig.n_cameras) > 0
         region = problem.picture.region
-        counting = np.ones((region.height_px, region.width_px), bool) & (weights > 0)[:, None, None]
+        counting = np.ones((region.height_px, region.width_px), bool) & counts[:, None, None]
         silhouettes = _words(problem.picture.silhouettes)
         counted = _words(pack(counting) & ~problem.picture.ignored)
         T_clip_world = self._clip_projections(region)

@@ -146,7 +146,9 @@ def test_another_cost_is_refused(device: GlDevice, coarse_body: Body, ring: Ring
     rig, cost = ring(2), Cost(camera_weights=(1.0, 2.0))
     picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
     problem = Problem(np.zeros(N_DOF), tuple(range(N_DOF)), ALL_SURFACES, picture, cost)
-    with pytest.raises(ValueError, match=r"^the paper backend knows plain XOR only: .*another backend$"):
+    with pytest.raises(
+        ValueError, match=r"^the paper backend knows only the camera_weights 0 and 1: .*another backend$"
+    ):
         PaperBackend(device, coarse_body, rig).energy(problem)
 
 
