@@ -88,7 +88,7 @@ def _mistakes(
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
         moved = silhouettes.segmenter.moved()
-        cameras, outlines, few = outlines_of(take, looked_at, 1, progress, segmenter, moved)
+        cameras, outlines, some_trimaps = outlines_of(take, looked_at, 1, progress, segmenter, moved)
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
@@ -97,7 +97,7 @@ def _mistakes(
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
-        yield from silhouette_faults(cameras, outlines, few, moved)
+        yield from silhouette_faults(cameras, outlines, some_trimaps, moved)
 
 
 def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:

@@ -102,7 +102,7 @@ class Opening:
             self._engine,
             plan.settings.without_cameras(first.absent, plan.rig.n_cameras),
             names=plan.camera_names,
-            made=self._rehearsed,
+            told_model=self._rehearsed,
         )
         return search.solve(first.seen, plan.actor, plan.known_poses.get(plan.frames.start))
 

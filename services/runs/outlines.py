@@ -36,7 +36,7 @@ def outlines_of(
     height_px, width_px = Rig.of(cameras).shape_px
     outlines: list[list[Outline | None]] = []
     kept = evenly(len(range(0, len(frames), every)), _KEPT).tolist()
-    few: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
+    some_trimaps: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
     for c, camera in enumerate(take.cameras):
         alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
         trimaps = alone.trimaps(frames.start, frames.stop)
@@ -44,7 +44,7 @@ def outlines_of(
         for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
             of_camera.append(outline_of(trimap, cameras[c]))
             if n in kept:
-                few[kept.index(n), c] = in_common_size(trimap, width_px, height_px)
+                some_trimaps[kept.index(n), c] = in_common_size(trimap, width_px, height_px)
         outlines.append(of_camera)
         progress((c + 1) / len(take.cameras))
-    return cameras, outlines, few
+    return cameras, outlines, some_trimaps

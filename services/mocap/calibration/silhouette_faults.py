@@ -23,12 +23,12 @@ _FLOATING_M = 0.1, 0.6
 def silhouette_faults(
     cameras: tuple[Camera, ...],
     outlines: Sequence[Sequence[Outline | None]],
-    few: Trimap,
+    some_trimaps: Trimap,
     moved: Mapping[str, Mask],
 ) -> Iterator[Mistake]:
-    """What the silhouettes lack. outlines: per camera, of each frame; few (K, C, H, W): of a few of them.
-    moved: by camera where (h, w) a moved object is, which may stand at the lower edge in place of the
-    actor."""
+    """What the silhouettes lack. outlines: per camera, of each frame. some_trimaps (K, C, H, W): of a few
+    of the frames. moved: by camera where (h, w) a moved object is, which may stand at the lower edge in place
+    of the actor."""
     cut = [
         camera.name
         for camera, seen in zip(cameras, outlines, strict=True)
@@ -42,19 +42,19 @@ def silhouette_faults(
         )
         return
     low_m, high_m = _FLOATING_M
-    bottoms_m = [_bottom_m(cameras, trimaps) for trimaps in few]
-    floating = [k for k, of in enumerate(bottoms_m) if of is not None and low_m < of < high_m]
-    if not floating:
+    bottoms_m = (_bottom_m(cameras, trimaps) for trimaps in some_trimaps)
+    floating_m = {k: of for k, of in enumerate(bottoms_m) if of is not None and low_m < of < high_m}
+    if not floating_m:
         return
-    k = floating[len(floating) // 2]
-    reaching = [_bottom_m(cameras, few[k], without=c) for c in range(len(cameras))]
+    k = min(floating_m, key=floating_m.__getitem__)
+    reaching = [_bottom_m(cameras, some_trimaps[k], without=c) for c in range(len(cameras))]
     lacking = [cameras[c].name for c, of in enumerate(reaching) if of is not None and of < low_m]
-    if not lacking and len(floating) < len(few):
+    if not lacking and len(floating_m) < len(some_trimaps):
         return  # a jump: in other frames the feet reach the floor
     alone = f" of {', '.join(lacking)}" if lacking else ""
     yield Mistake(
         f"silhouettes{alone}",
-        f"the actor ends {bottoms_m[k]:.2f} m above the floor of the calibrated world; the feet are missing "
+        f"the actor ends {floating_m[k]:.2f} m above the floor of the calibrated world; the feet are missing "
         f"in them{'' if alone else ', or the origin of the world is not on the floor'}",
         "look at them (xormocap segment); dark shoes, furniture, or a long jump explain it too",
     )

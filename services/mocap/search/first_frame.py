@@ -84,7 +84,7 @@ class FirstFrameSearch:
     """Of the cameras."""
     mesh: OwnMesh | None = None
     """In place of the generic body, where the actor is not known."""
-    made: Model | None = None
+    told_model: Model | None = None
     """The model of the told actor (told_actor), where there is one already."""
 
     def solve(self, seen: TriPlanes, actor: Actor | None, fitted_pose: Floats | None = None) -> FirstFrame:
@@ -150,7 +150,7 @@ class FirstFrameSearch:
         return FirstFrame(actor, model, first)
 
     def _model_of(self, actor: Actor) -> Model:
-        return self.made or model_of(actor, self.rig, self.engine)
+        return self.told_model or model_of(actor, self.rig, self.engine)
 
     def _first_pose(self, model: Model, picture: Picture, hull: Hull, limbs: LimbPool) -> FirstPose:
         if self.hints.initial_pose:
