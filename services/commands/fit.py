@@ -14,6 +14,7 @@ from services.commands.consoles import TakeFolder, progress_bar, say, stdout, ta
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import TakeError, UserError
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
+from services.mocap.search.lacking_ends import LACKING_REMEDY, lacking_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import check_place, take_actor, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE, was_refined
@@ -107,6 +108,8 @@ def fit(
     if out is None:
         write_actor(actor_toml, found.actor, origin_of(opened, found))
     warn(not_told([*(() if own is None else own.remarks), *found.warnings], checks))
+    if found.lacking:
+        warn([f"{lacking_in_words(found.lacking)}: {LACKING_REMEDY}"])
     show_fit(found, opened, folder)
 
 

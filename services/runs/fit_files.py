@@ -115,5 +115,6 @@ def _record(take: Take, found: TakeFit) -> FitRecord:
         iou_before=by_camera(found.fit.before),
         iou_after=by_camera(found.fit.after),
         seconds=found.seconds,
+        lacking=dict(found.lacking),
         warnings=found.warnings,
     )

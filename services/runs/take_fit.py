@@ -12,6 +12,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.fitting import Fit
+from services.mocap.search.lacking_ends import lacking_ends
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.unsure_parts import untold_parts
 from services.mocap.take.actor_file import rounded
@@ -59,6 +60,8 @@ class TakeFit:
     """By camera the pixels (h, w) in which something hides the actor, found by fitting or by tracking."""
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as tracking told them."""
+    lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """By camera which of hands, feet and head its silhouettes lack (lacking_ends)."""
     run_poses: PoseTable | None = None
     """The poses of the run that it started from, of frames that it did not mark, and of its first
     frame, unless the body is lost there."""
@@ -123,6 +126,7 @@ def concluded(
         names, when = [camera.name for camera in cameras], f"the {len(frames)} frames of the fit"
         where = "its overlay.png shows where"
         sentence = untold_parts(model, seen, fit.poses, names, when, where)
+        lacking = lacking_ends(model, seen, fit.poses, names)
     if sentence:
         log.warning("%s", sentence)
     if actor.skirt is not None:
@@ -130,4 +134,4 @@ def concluded(
     measures = measure(build_body(actor.wearing(None)))
     if fit.shape_covariance is not None and fit.after.iou.mean() >= LEAST_USUAL_IOU:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
-    return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)
+    return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings, lacking=lacking)

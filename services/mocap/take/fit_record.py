@@ -55,6 +55,8 @@ class FitRecord(FrozenModel):
     iou_after: dict[str, float]
     seconds: dict[str, float]
     """Wall time of each stage."""
+    lacking: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    """By camera which of hands, feet and head its silhouettes lack in these frames."""
     warnings: list[str]
 
 

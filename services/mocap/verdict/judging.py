@@ -1,6 +1,7 @@
 """Judges a result by what its folder holds, and tells why: cameras, moments and bodies that stand out."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
 import numpy as np
@@ -10,6 +11,7 @@ from services.mocap.errors import TakeError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result
 from services.mocap.search.chains import LIMBS
+from services.mocap.search.lacking_ends import LACKING_REMEDY, lacking_in_words
 from services.mocap.take.marks import PARTS, WHOLE_BODY
 from services.mocap.types import Floats, Mask
 from services.mocap.verdict.verdict import (
@@ -111,7 +113,12 @@ def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
         where = f"{result.folder / RUN_JSON}: {CHECKS}"
         raise TakeError(f"{where}: expected what xormocap track wrote: remove this entry") from None
     explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
-    found = (*_body(result), *_cameras(result, iou, explained), *_moments(result, iou, explained))
+    found = (
+        *_body(result),
+        *_silhouettes(result, len(iou)),
+        *_cameras(result, iou, explained),
+        *_moments(result, iou, explained),
+    )
     return tuple(sorted((*before, *found), key=lambda cause: cause.kind == "remark"))
 
 
@@ -131,6 +138,18 @@ def _body(result: Result) -> Iterator[Cause]:
             what=f"the fitted body is {height_m:.2f} m tall, as {'hardly anybody' if is_tall else 'a child'}",
             remedy=f"{calibration}, or give actor_height in take.toml",
             level="not usable" if is_tall else "usable with gaps",
+        )
+
+
+def _silhouettes(result: Result, n_cameras: int) -> Iterator[Cause]:
+    """Hands, feet or a head that silhouettes lack in the frames of the fit."""
+    lacking: dict[str, list[str]] = result.run.get("fit", {}).get("lacking", {})
+    most = max(Counter(end for ends in lacking.values() for end in ends).values(), default=0)
+    if sentence := lacking_in_words(lacking):
+        yield Cause(
+            what=sentence,
+            remedy=LACKING_REMEDY,
+            level="usable with gaps" if 2 * most > n_cameras else "good",
         )
 
 

@@ -180,6 +180,16 @@ def test_a_body_that_is_not_the_takes(folder: Path) -> None:
     assert verdict.causes[0].what == "the body is 1.78 m tall, take.toml says actor_height = 1.70"
 
 
+@pytest.mark.parametrize(("n_cameras", "level"), [(2, "good"), (3, "usable with gaps")])
+def test_hands_that_silhouettes_lack_are_named(folder: Path, n_cameras: int, level: str) -> None:
+    cameras = [f"cam{c + 1:02d}" for c in range(4)]
+    lacking = {camera: ["hands"] for camera in cameras[:n_cameras]} | {"cam04": ["head"]}
+    (cause,) = judged(folder, dict.fromkeys(cameras, np.full(16, 0.9)), fit={"lacking": lacking}).causes
+    named = ", ".join(cameras[:n_cameras])
+    assert cause.what == f"silhouettes lack the hands in {named}; the head in cam04"
+    assert cause.level == level
+
+
 def test_a_body_that_nobody_has_is_not_usable(folder: Path) -> None:
     actor = folder / "actor.toml"
     text = actor.read_text()
