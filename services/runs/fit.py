@@ -9,9 +9,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
-from services.mocap.search.first_frame import check_alone
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.single_person import check_alone
 from services.mocap.take.folder import Take
 from services.runs.fit_frames import fit_frames
 from services.runs.past_furniture import fit_past_furniture

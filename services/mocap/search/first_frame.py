@@ -14,7 +14,6 @@ from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
-from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -24,7 +23,8 @@ from services.mocap.search.line import minimise_line
 from services.mocap.search.model import Model, model_of
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
+from services.mocap.search.single_person import check_alone
+from services.mocap.search.unsure_shares import UnsureShares
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 
@@ -42,15 +42,6 @@ _LARGEST_STEPS = 5.0
 _TOLERANCE_STEPS = 0.15
 _MOST_TRIES = 5
 """Evaluations after the best height is bracketed."""
-_MOST_UNCOVERED = 0.25
-"""Share of the silhouettes. The generic body of the right height leaves up to 0.15 of a stout person
-uncovered, and 0.27 and more of two people 0.4 m apart."""
-_NOT_ALONE = (
-    "silhouettes: one body covers only {covered:.0%} of them in the first frame: two people close together, "
-    "or the actor and something large, are visible, or the pose was not found: choose a first frame "
-    "without the other one or mask it out, or give initial_pose in take.toml"
-)
-"""The message; covered: a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +119,7 @@ class FirstFrameSearch:
         silhouettes, unless it is_fitted_next; the message first mentions unsure areas.
         """
         told = told_actor(actor, self.hints, self.mesh)
-        unsure = _unsure_shares(picture, self.rig, self.names)
+        unsure = UnsureShares.of_picture(picture, self.rig, self.names)
         with unsure.blamed_first():
             actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=self.mesh)
         if not (hull.suits(actor.height) or hull.lies(actor.height)):
@@ -194,12 +185,6 @@ def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = 
     return Actor(height=round(hints.actor_height, 3), mesh=mesh)
 
 
-def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureShares:
-    masks = unpack(picture.silhouettes, rig.n_cameras)
-    possible = masks if picture.unsure is None else masks | unpack(picture.unsure, rig.n_cameras)
-    return UnsureShares(masks, possible, names_or_numbers(names, rig.n_cameras))
-
-
 def _plausible_height_m(hull: Hull) -> float:
     low_m, high_m = _HEIGHT_RANGE_M
     if hull.may_be(low_m, high_m):
@@ -226,41 +211,3 @@ def tell_facing(first: FirstPose) -> None:
         )
     else:
         log.info("the actor faces %.0f degrees", facing_deg)
-
-
-def check_alone(
-    model: Model,
-    picture: Picture,
-    pose: Floats,
-    settings: SearchSettings,
-    names: Sequence[str],
-    *,
-    is_told: bool,
-) -> None:
-    """Raise TakeError if a body in a pose (D,) covers too little of a whole frame; warn if the actor is told,
-    as that may be wrong as well.
-
-    Two people close together look like one in space, but one body does not cover both. names: of the cameras.
-    """
-    uncovered = uncovered_share(model, picture, pose, settings)
-    if uncovered > _MOST_UNCOVERED:
-        unsure = _unsure_shares(picture, model.rig, names)
-        sentence = unsure.before(_NOT_ALONE.format(covered=1.0 - uncovered))
-        if not is_told:
-            raise TakeError(sentence)
-        log.warning("%s", sentence)
-
-
-def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> float:
-    """How much of the silhouettes of a whole frame a body in a pose (D,) leaves uncovered.
-
-    It is averaged over the cameras that show a person and have a weight. Unsure pixels that the body covers
-    count as silhouette; otherwise a few certain pixels elsewhere would seem to be a large share.
-    """
-    covered = model.backend.coverage(pose[None], ALL_SURFACES, picture.region)[0]
-    seen = picture.likely(covered)
-    all_px, left_px = (
-        unpack(planes, model.rig.n_cameras).sum(axis=(1, 2)) for planes in (seen, seen & ~covered)
-    )
-    counts = (all_px > 0) & (settings.cost.weights(model.rig.n_cameras) > 0)
-    return float(np.mean(left_px[counts] / all_px[counts])) if counts.any() else 0.0

@@ -8,6 +8,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.types import Floats, Mask
 
@@ -63,6 +66,13 @@ class UnsureShares:
     """(C, H, W) what may be."""
     names: Sequence[str]
     """Of the cameras."""
+
+    @classmethod
+    def of_picture(cls, picture: Picture, rig: Rig, names: Sequence[str] = ()) -> "UnsureShares":
+        """Those of a whole frame; names: as names_or_numbers takes them."""
+        masks = unpack(picture.silhouettes, rig.n_cameras)
+        possible = masks if picture.unsure is None else masks | unpack(picture.unsure, rig.n_cameras)
+        return cls(masks, possible, names_or_numbers(names, rig.n_cameras))
 
     @cached_property
     def shares(self) -> Floats:

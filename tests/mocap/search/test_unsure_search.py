@@ -12,7 +12,6 @@ from services.mocap.errors import TakeError
 from services.mocap.search.alignment.matching import KNOWN, ON, UNSURE
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.contour_search import solve_by_contours
-from services.mocap.search.first_frame import uncovered_share
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.lost_probability import evidence_of
@@ -20,6 +19,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, confidences, differences
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.single_person import uncovered_share
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
