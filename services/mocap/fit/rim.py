@@ -96,7 +96,8 @@ class PosedSurface:
         outline = outline_of(_silhouette(ends_px, int(width_px), int(height_px)))
         edges = self.mesh.edges[turning]
         rigid = edges[:, 0] < self.mesh.starts[N_RIGID]
-        return Rim(*outline, edges[rigid], ends_px.mean(axis=1)[rigid], facing[rigid])
+        middles_px = (ends_px[:, 0] + ends_px[:, 1]) / 2.0  # several times as fast as mean
+        return Rim(*outline, edges[rigid], middles_px[rigid], facing[rigid])
 
 
 @numba.njit(cache=True, nogil=True)
