@@ -6,7 +6,6 @@ client whose key is removed from the list loses access at once, although its con
 
 import logging
 import threading
-from collections import Counter
 from pathlib import Path
 
 import zmq
@@ -93,17 +92,17 @@ class Doorkeeper:
         self._zap = context.socket(zmq.REP)
         self._zap.setsockopt(zmq.LINGER, 0)
         self._zap.bind(_ZAP_ENDPOINT)
-        self._watched: dict[str, zmq.Socket[bytes]] = {}
+        self._watched: list[zmq.Socket[bytes]] = []
         self._monitors: dict[zmq.Socket[bytes], str] = {}
         self._told: set[str] = set()
         self._thread = threading.Thread(target=self._keep, name="doorkeeper", daemon=True)
         self._closing = False
-        self.refused: Counter[str] = Counter()
-        """Handshakes that failed, by stream."""
+        self.refused = 0
+        """Number of handshakes that failed."""
 
     def watch(self, name: str, socket: "zmq.Socket[bytes]") -> None:
         """Monitor a socket that will listen."""
-        self._watched[name] = socket
+        self._watched.append(socket)
         self._monitors[socket.get_monitor_socket(_FAILURES)] = name
 
     def start(self) -> None:
@@ -142,7 +141,7 @@ class Doorkeeper:
         if not event["event"] & _FAILURES:
             return  # the monitor has ended
         stream = self._monitors[monitor]
-        self.refused[stream] += 1
+        self.refused += 1
         if event["event"] == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
             who = _STRANGERS.get(event["value"], "a client that does not speak ZeroMQ's protocol")
             self._tell_once(f"refused a client at the stream {stream}: {who}")
@@ -154,7 +153,7 @@ class Doorkeeper:
 
     def close(self) -> None:
         """End the thread. Call this in the thread of the sockets' owner, while the sockets are still open."""
-        for socket in self._watched.values():
+        for socket in self._watched:
             socket.disable_monitor()  # the thread keeps reading meanwhile, so that libzmq never waits for it
         self._closing = True
         if self._thread.ident is not None:

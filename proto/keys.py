@@ -1,10 +1,10 @@
 """CURVE keys in folders: the coordinator's, a client's, and the list of clients with access.
 
-    KEYS/coordinator/   server.key_secret, server.key, clients/NAME.key: the list; removing a file revokes
-    NAME KEYS/NAME/          client.key_secret, client.key, server.key: all that this client needs
+    KEYS/coordinator/   server.key_secret, server.key, clients/NAME.key
+    KEYS/NAME/          client.key_secret, client.key, server.key: all that this client needs
 
-Files are zmq.auth certificates. On several hosts each gets only its own folder; on one host use KEYS as a
-whole.
+The folder clients/ is the list: a client whose file is removed has no access any more. Files are zmq.auth
+certificates. On several hosts each gets only its own folder; on one host use KEYS as a whole.
 """
 
 import logging

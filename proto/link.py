@@ -67,7 +67,7 @@ class Line:
 
     def reopen(self) -> None:
         """Close the socket, drop what it has not sent, and open another."""
-        self._close(linger_ms=0)
+        self.close(linger_ms=0)
         self._open()
 
     def tick(self) -> bool:
@@ -119,11 +119,8 @@ class Line:
             "coordinator's, or the coordinator has no keys: start it with --keys"
         )
 
-    def close(self) -> None:
-        """Close the socket after sending what is queued."""
-        self._close(linger_ms=None)
-
-    def _close(self, linger_ms: int | None) -> None:
+    def close(self, linger_ms: int | None = None) -> None:
+        """Close the socket, by default after sending what is queued."""
         self.socket.disable_monitor()
         self._monitor.close(linger=0)
         self.socket.close(linger=linger_ms)
@@ -140,7 +137,7 @@ class Link(Line):
         keys: ClientKeys | None = None,
         also: Callable[[], Message] | None = None,
     ) -> None:
-        """Also: a message to send after every hello."""
+        """also: makes a message that is sent after every hello."""
         super().__init__(context, endpoint, "tasks", keys)
         self._hello, self._also = hello, also
         self._hello_again_s = _FIRST_RETRY_S

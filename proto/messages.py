@@ -20,6 +20,10 @@ MAX_TOLD = 200
 MAX_BACKENDS = 20
 """Energy backends that one run counts separately."""
 MAX_CAMERAS = 256
+DROPPED_BY = ("source", "segmentation", "tracking")
+"""What may lose a live picture, in the order of Telemetry.drops."""
+LONGEST_REASON = 1000
+"""Characters of a sentence that says why."""
 OPEN_END = 2**31 - 1
 """The end_frame of live input, whose end is open."""
 
@@ -183,7 +187,7 @@ class LimbResult(OfLimbTask, type="limb_result"):
 class LimbRefusal(OfLimbTask, type="limb_refusal"):
     """A worker cannot solve a task that it was given."""
 
-    reason: Annotated[str, Field(max_length=1000)]
+    reason: Annotated[str, Field(max_length=LONGEST_REASON)]
     """The reason, for a log."""
 
 
@@ -210,7 +214,7 @@ class Silhouettes(OfRun, type="silhouettes"):
 
     frame: Count
     """The frame's number in the take."""
-    cameras: Annotated[list[Count], Field(min_length=1, max_length=256)]
+    cameras: Annotated[list[Count], Field(min_length=1, max_length=MAX_CAMERAS)]
     """The cameras' positions in calibration.toml, from 0, without repetition."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
     """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
@@ -251,12 +255,17 @@ class TakeInfo(OfRun, type="take_info"):
     """Names the blob of kind rig."""
     backend: Name
     """The coordinator's own energy backend at the first frame."""
-    backend_reason: Annotated[str, Field(max_length=1000)]
+    backend_reason: Annotated[str, Field(max_length=LONGEST_REASON)]
     """Why this backend was chosen."""
     threads: Count
     """Threads of the coordinator's cpu backend; 0 for one per core."""
     search: Settings
     """The search settings by name."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the poses are of live input."""
+        return self.end_frame == OPEN_END
 
 
 class Pose(OfRun, type="pose"):

@@ -11,7 +11,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from services.commands.consoles import stderr
+from proto.keys import KeysError
+from proto.streams import AddressError
+from services.commands.consoles import say, stderr
 from services.commands.short_help import shortened
 from services.mocap.errors import UserError
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR
@@ -86,7 +88,7 @@ def _(
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
-    stderr.print(sentence, style="red", markup=False, soft_wrap=True)
+    say(sentence, stderr, "red")
     sys.exit(code)
 
 
@@ -99,7 +101,7 @@ def main() -> None:
     )  # unwinds the stack, so that nothing incomplete stays
     try:
         app()
-    except UserError as error:
+    except (UserError, AddressError, KeysError) as error:
         _fail(str(error), EXIT_USER_ERROR)
     except ServiceFailedError as error:
         _fail(str(error), 1)

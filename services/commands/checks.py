@@ -12,7 +12,7 @@ from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
-from services.mocap.take.segmenter_name import KINDS, READY
+from services.mocap.take.segmenter_name import KINDS, Kind
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
@@ -69,9 +69,8 @@ def _mistakes(
     turned = wrong_up(take.cameras, take.settings.up)
     if turned is not None:
         raise _refused(take, turned)
-    kind = chosen_segmenter(take, segmenter)
-    if kind != READY and not all(map(take.has_background, take.cameras)):
-        if kind.partition(":")[0] in KINDS and KINDS[kind.partition(":")[0]].needs_plate:
+    if not silhouettes.has_stage:
+        if KINDS.get(chosen_segmenter(take, segmenter).partition(":")[0], Kind("")).needs_plate:
             yield Mistake(
                 f"{BACKGROUND}/",
                 "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
@@ -82,20 +81,20 @@ def _mistakes(
     if len(take.cameras) < 2:
         return
     n_frames = _MOST_FRAMES
-    if kind != READY:
+    if not silhouettes.are_ready:
         each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
         n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
         moved = silhouettes.segmenter.moved()
-        cameras, outlines, some_trimaps = outlines_of(take, looked_at, 1, progress, segmenter, moved)
+        cameras, outlines, some_trimaps = outlines_of(take, looked_at, progress, segmenter, moved)
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
             raise _refused(take, mistake, [*silhouettes.said, *warnings])
     yield from (Mistake("", sentence, "") for sentence in warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
-    yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)
+    yield from (m for m in found if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
         yield from silhouette_faults(cameras, outlines, some_trimaps, moved)
 

@@ -27,9 +27,9 @@ def _console(*, is_stderr: bool) -> Console:
 stdout, stderr = _console(is_stderr=False), _console(is_stderr=True)
 
 
-def say(line: str, to: Console = stdout) -> None:
+def say(line: str, to: Console = stdout, style: str | None = None) -> None:
     """Print a line without wrapping it, so that paths and addresses can be copied."""
-    to.print(line, markup=False, highlight=False, soft_wrap=True)
+    to.print(line, style=style, markup=False, soft_wrap=True)
 
 
 def table_of(first: str, *numbers: str) -> Table:
@@ -52,4 +52,4 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
 def warn(sentences: Iterable[str]) -> None:
     """Print warnings, each once."""
     for sentence in dict.fromkeys(sentences):
-        stderr.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        say(f"warning: {sentence}", stderr, "yellow")

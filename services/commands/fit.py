@@ -115,14 +115,13 @@ def fit(
 
 def _check_not_refined(take: Take) -> None:
     """Raise UserError if the take's body was fitted to frames of the whole take, which is better."""
-    actor, is_refined = take_actor(take), None
+    actor = take_actor(take)
     with suppress(TakeError):  # a record that cannot be read is replaced
-        is_refined = None if actor is None else was_refined(take.folder / FIT_FOLDER, actor)
-    if is_refined:
-        raise UserError(
-            f"{take.folder / ACTOR}: was fitted to frames of the whole take, and is better than a fit to the "
-            "first ones: keep it and give --out, or replace it with --force"
-        )
+        if actor is not None and was_refined(take.folder / FIT_FOLDER, actor):
+            raise UserError(
+                f"{take.folder / ACTOR}: was fitted to frames of the whole take, and is better than a fit to "
+                "the first ones: keep it and give --out, or replace it with --force"
+            )
 
 
 def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
@@ -156,17 +155,15 @@ def show_fit(found: TakeFit, take: Take, folder: Path) -> None:
         say(sentences)
     told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
     if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
-        stdout.print(
+        say(
             f"take.toml has actor_height = {told_m:.2f} m, the silhouettes give {height_m:.2f} m: "
             "check that number, or the scale of the calibration",
             style="yellow",
-            soft_wrap=True,
         )
     if found.iou < LEAST_USUAL_IOU:
-        stdout.print(
+        say(
             f"body and silhouettes overlap less than usual ({found.iou:.2f}): if a limb is wrong in "
             f"{folder / OVERLAY}, track the take, and fit again with --refine",
             style="yellow",
-            soft_wrap=True,
         )
     say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}")

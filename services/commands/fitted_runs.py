@@ -180,12 +180,11 @@ def _refined(
         try:
             found = fit_with_bar(job.take, fitted, work)
         except UserError as error:
-            if not is_asked_for:
-                warn([f"the body was not fitted again to the whole take: {error}"])
-            report = _completed(job, report, before)
             if is_asked_for:
+                _completed(job, report, before)
                 raise
-            return report
+            warn([f"the body was not fitted again to the whole take: {error}"])
+            return _completed(job, report, before)
         if found.actor == before:
             say(_AS_IT_IS)
             return _completed(job, report, before)

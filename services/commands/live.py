@@ -9,8 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from proto.messages import DROPPED_BY
 from services import options
-from services.commands.consoles import stderr, stdout, warn
+from services.commands.consoles import say, stderr, stdout, warn
 from services.commands.track import accuracy_in_words, corrected_in_words
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
@@ -83,7 +84,7 @@ def live(
     if group is not None:
         serve_group(job, group)
         return
-    stderr.print(_body(take), markup=False, soft_wrap=True)
+    say(_body(take), stderr)
     report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the log lines above say why")
@@ -149,7 +150,7 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
             f"95 % below {since_ms[1]:.0f} ms",
         )
     table.add_row("first pose", f"{speed['first_frame_s']:.1f} s")
-    for where in ("source", "segmentation", "tracking"):
+    for where in DROPPED_BY:
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
         same = len(set(drops.values())) <= 1
         by_camera = ", ".join(f"{name} {count}" for name, count in drops.items())

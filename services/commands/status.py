@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from proto.framing import MalformedMessage
-from proto.keys import ClientKeys, KeysError
+from proto.keys import ClientKeys
 from proto.messages import OPEN_END, Message, Pose, TakeEnd, Telemetry
-from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError, stream_endpoint
+from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, stream_endpoint
 from services.commands.consoles import stdout
 from services.listener import PosesListener
 from services.mocap.errors import UserError
@@ -132,17 +132,14 @@ def status(
     keys: KeysOption = None,
 ) -> None:
     """Show the state of a run's services in a live table, until the run ends."""
-    try:
-        with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
-            told = _first_told(watch, connect)
-            if in_json:
-                sys.stdout.write(told.model_dump_json() + "\n")
-            elif once:
-                stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
-            else:
-                _follow(watch, told)
-    except (AddressError, KeysError) as error:
-        raise UserError(str(error)) from None
+    with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
+        told = _first_told(watch, connect)
+        if in_json:
+            sys.stdout.write(told.model_dump_json() + "\n")
+        elif once:
+            stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
+        else:
+            _follow(watch, told)
 
 
 def _first_told(watch: Watch, endpoint: str) -> Telemetry:

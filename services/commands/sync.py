@@ -44,7 +44,7 @@ def sync(
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
     with progress_bar() as show:
         cameras, outlines, _ = outlines_of(
-            opened, frames, 1, lambda share: show("looking at silhouettes", share)
+            opened, frames, lambda share: show("looking at silhouettes", share)
         )
     width_px = float(np.median([camera.width_px for camera in cameras]))
     found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)

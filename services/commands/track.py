@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from proto.streams import stream_endpoint
 from services import options
 from services.commands.checks import CheckOption, in_view, look_before
 from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
@@ -88,6 +89,8 @@ def track(
         raise UserError("--mesh: a mesh is fitted first: leave out --fitted and --no-fit, or --mesh")
     folder = out or Path("results") / take.resolve().name
     check_out(folder)
+    if endpoint is not None:
+        stream_endpoint(endpoint, "tasks")  # a mistake is told at once
     page = tell_page(port) if watch else None
     opened = open_take(take)
     warn(opened.remarks)

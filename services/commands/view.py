@@ -12,13 +12,13 @@ from typing import Annotated
 import typer
 
 from services.address import LOOPBACK, Address
-from services.commands.consoles import ResultFolder, say, stderr, stdout
+from services.commands.consoles import ResultFolder, say, stderr
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.result.words import IOU_IN_WORDS
-from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_occluded, read_record
+from services.mocap.take.fit_record import FIT_FOLDER, read_learnt, record_of
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
@@ -92,7 +92,7 @@ def conclude(folder: Path, take: Path | None, port: int | None, *, strict: bool)
     result cannot be used.
     """
     verdict = verdict_of(load_result(folder))
-    stdout.print(f"verdict: {verdict.headline}", style=_STYLES[verdict.level], markup=False, soft_wrap=True)
+    say(f"verdict: {verdict.headline}", style=_STYLES[verdict.level])
     if verdict.doubts:
         say(f"  doubtful: {verdict.doubts_in_words}")
     if verdict.iou:
@@ -154,9 +154,8 @@ def _fit_of(result: Result, take: Take) -> tuple[dict[str, Mask], dict[str, Byte
     """What hides the actor and what colours are, by camera, from the fit of the result's actor; None if it is
     gone."""
     for fit in (result.folder / FIT_FOLDER, take.folder / FIT_FOLDER):
-        record = read_record(fit)
-        if record is not None and record.actor == result.actor.content_hash:
-            return read_occluded(fit, take.cameras), read_colour_tables(fit, take.cameras)
+        if record_of(fit, result.actor) is not None:
+            return read_learnt(fit, take.cameras)
     return None
 
 

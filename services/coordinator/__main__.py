@@ -21,10 +21,9 @@ from services.coordinator.session import Session
 from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
-from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER, known_poses, read_colour_tables, read_occluded
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.fit_record import FIT_FOLDER, known_poses, read_learnt
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import ACTOR
 from services.mocap.take.live import LiveTake, open_source
 from services.options import (
     DEFAULT_ENGINE,
@@ -44,9 +43,6 @@ from services.options import (
     engine_settings,
 )
 from services.process import StopRequest, give_way, run_service
-
-_CLIENTS_S = 60.0
-"""How long to wait for the expected workers and recorder before starting with fewer."""
 
 log = logging.getLogger(__name__)
 
@@ -87,22 +83,21 @@ def main(
         plan = _plan(opened, opened.frame_range(frames), search, segmenter, fitted)
         with open_engine(engine_choice) as engine:
             log.info("%s", engine)
-            Session(plan, engine, bind, stop, admission).run(workers, recorders, _CLIENTS_S)
+            Session(plan, engine, bind, stop, admission).run(workers, recorders)
 
     run_service("coordinator", serve, metrics)
 
 
 def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fitted: Path | None) -> Plan:
     """The plan of the session, with the results of a fit from its own folder or from the take."""
-    actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
+    actor = take_actor(take, fitted)
     if actor is None:
         return Plan(take, frames, search, segmenter, None)
     fit_folder = fitted or take.folder / FIT_FOLDER
     # Frames of live input are not those of the fit.
     poses = {} if isinstance(take, LiveTake) else known_poses(fit_folder, actor, take.settings)
     log.info("poses of %d frames are known from the fit of the actor", len(poses))
-    occluded, tables = read_occluded(fit_folder, take.cameras), read_colour_tables(fit_folder, take.cameras)
-    return Plan(take, frames, search, segmenter, actor, poses, occluded, tables)
+    return Plan(take, frames, search, segmenter, actor, poses, *read_learnt(fit_folder, take.cameras))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ from services.coordinator.switchboard import Switchboard
 
 log = logging.getLogger(__name__)
 
+_ARRIVE_S = 60.0
+"""How long it waits for the expected workers and recorders before it starts with fewer."""
 _RETURN_S = 3.0
 """How long a coordinator that continues a run waits for workers to return."""
 _CONFIRM_S = 20.0
@@ -19,10 +21,10 @@ _CONFIRM_S = 20.0
 
 
 def await_clients(
-    board: Switchboard, plan: Plan, workers: int, recorders: int, timeout_s: float, look: Callable[[], bool]
+    board: Switchboard, plan: Plan, workers: int, recorders: int, look: Callable[[], bool]
 ) -> Recording | None:
-    """Wait for this many workers and recorders; returns what the recorders hold of this plan, if all of them
-    hold some of it.
+    """Wait for this many workers and recorders, but not for ever; returns what the recorders hold of this
+    plan, if all of them hold some of it.
 
     look: handles messages; returns False once a stop was requested.
     """
@@ -34,10 +36,10 @@ def await_clients(
                 break
 
     dispatcher, reporting = board.dispatcher, board.recorders
-    wait_until(lambda: reporting.n_reported >= recorders, timeout_s)
+    wait_until(lambda: reporting.n_reported >= recorders, _ARRIVE_S)
     held = reporting.held(plan.take.settings.name, plan.name)
     usable = held is not None and held.memory and (plan.actor is not None or held.actor.size)
-    wait_until(lambda: dispatcher.n_workers >= workers, _RETURN_S if usable else timeout_s)
+    wait_until(lambda: dispatcher.n_workers >= workers, _RETURN_S if usable else _ARRIVE_S)
     if dispatcher.n_workers < workers or reporting.n_reported < recorders:
         found = (dispatcher.n_workers, workers, reporting.n_reported, recorders)
         log.warning("starting with %d of %d workers and %d of %d recorders", *found)

@@ -10,7 +10,7 @@ import numpy as np
 
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, Incoming
-from services.coordinator.live_shots import Pace, SourceWords, UnsolvedShots
+from services.coordinator.live_shots import Pace, SourceReports, UnsolvedShots
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_settings import fresh_s
@@ -44,7 +44,7 @@ class LiveFrames(Incoming):
         super().__init__(rig)
         self._take, self._now = take, now
         self._names = [camera.name for camera in take.cameras]
-        self._shots, self._words = UnsolvedShots(rig.n_cameras), SourceWords(rig.n_cameras)
+        self._shots, self._reports = UnsolvedShots(rig.n_cameras), SourceReports(rig.n_cameras)
         self._last_shot = self._highest = -1
         self._came_s = np.full(rig.n_cameras, -np.inf)
         self._pace = Pace(take.live.period_s)
@@ -61,11 +61,11 @@ class LiveFrames(Incoming):
             self.dropped += 1
             return None
         now_s = self._now()
-        self._words.note(sources, now_s)
-        if self._run and not self._pace.has_begun and self._words.are_complete(now_s):
-            self._pace.begin(self._words.latest_s, now_s)
+        self._reports.note(sources, now_s)
+        if self._run and not self._pace.has_begun and self._reports.are_complete(now_s):
+            self._pace.begin(self._reports.latest_s, now_s)
             # As if they had sent a picture, so that they are waited for.
-            self._came_s[self._words.cameras] = self._pace.due_s(0)
+            self._came_s[self._reports.cameras] = self._pace.due_s(0)
         shot, shot_s = self._pace.anchor
         return LivePace(
             take=sources.take,
@@ -172,7 +172,7 @@ class LiveFrames(Incoming):
         """See Incoming.has_ended: all sources are files that are over."""
         # Shots with too few cameras will get no more.
         is_more_to_solve = self._shots.have_enough(self._take.live.least_cameras)
-        return self._words.have_ended(self._now()) and not is_more_to_solve
+        return self._reports.have_ended(self._now()) and not is_more_to_solve
 
     @property
     def end_shot(self) -> int:
@@ -195,7 +195,7 @@ class LiveFrames(Incoming):
     def figures(self) -> dict[str, Any]:
         """See Incoming.figures."""
         drops = {}
-        told = self._words.drops()
+        told = self._reports.drops()
         for c, name in enumerate(self._names):
             missed, dropped, unsent = told.get(c, (0, 0, 0))
             drops[name] = [missed, dropped, int(self._shots.passed[c]) + unsent]

@@ -80,18 +80,15 @@ class ReceivedShot:
     """The received part of a shot."""
 
     arrived_s: float
-    parts: list[tuple[list[int], TriPlanes]] = field(default_factory=list)
-    """Cameras and their planes, in order of arrival."""
+    places: dict[int, tuple[TriPlanes, int]] = field(default_factory=dict)
+    """Planes of each camera that has come, and its place in them."""
     times_s: dict[int, float] = field(default_factory=dict)
     """When each camera took its picture."""
 
     def seen(self, n_cameras: int, shape_px: tuple[int, int]) -> TriPlanes:
         """Planes (P, h, w) of all cameras; empty for missing ones."""
         nothing = TriPlanes.sure(np.zeros((1, *shape_px), np.uint8))
-        places = dict.fromkeys(range(n_cameras), (nothing, 0))
-        for cameras, planes in self.parts:
-            places |= {camera: (planes, k) for k, camera in enumerate(cameras)}
-        return joined([places[c] for c in range(n_cameras)])
+        return joined([self.places.get(c, (nothing, 0)) for c in range(n_cameras)])
 
 
 class UnsolvedShots:
@@ -106,7 +103,7 @@ class UnsolvedShots:
         """Add some cameras of a shot."""
         shot = self._shots.setdefault(message.shot, ReceivedShot(now_s))
         planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
-        shot.parts.append((message.cameras, planes))
+        shot.places |= {camera: (planes, k) for k, camera in enumerate(message.cameras)}
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
         if (
             len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes + planes.sent_classes.nbytes)
@@ -138,24 +135,24 @@ class UnsolvedShots:
         return any(len(shot.times_s) >= least_cameras for shot in self._shots.values())
 
 
-class SourceWords:
+class SourceReports:
     """The last report of every group of cameras."""
 
     def __init__(self, n_cameras: int) -> None:
         self._n_cameras = n_cameras
-        self._words: dict[tuple[int, ...], tuple[LiveSources, float]] = {}
+        self._reports: dict[tuple[int, ...], tuple[LiveSources, float]] = {}
         """By the group's cameras, and when it was heard."""
         self._first_s: float | None = None
 
     def note(self, message: LiveSources, now_s: float) -> None:
         """Store a group's report."""
         self._first_s = self._first_s or now_s
-        self._words[tuple(message.cameras)] = (message, now_s)
+        self._reports[tuple(message.cameras)] = (message, now_s)
 
     @property
     def cameras(self) -> list[int]:
         """Cameras with a report."""
-        return sorted({c for cameras in self._words for c in cameras})
+        return sorted({c for cameras in self._reports for c in cameras})
 
     def are_complete(self, now_s: float) -> bool:
         """Whether all cameras have reported, or the time limit has passed."""
@@ -165,19 +162,18 @@ class SourceWords:
     @property
     def latest_s(self) -> list[float]:
         """When the latest pictures of the cameras were taken."""
-        return [taken_s for word, _ in self._words.values() for taken_s in word.latest_s]
+        return [taken_s for report, _ in self._reports.values() for taken_s in report.latest_s]
 
     def have_ended(self, now_s: float) -> bool:
         """Whether the sources of all groups that still report are files that have ended."""
-        here = [
-            word for word, heard_s in self._words.values() if now_s - heard_s < FROM_LIVE_CAMERAS.silence_s
-        ]
-        return bool(here) and all(word.ended for word in here)
+        heard_after_s = now_s - FROM_LIVE_CAMERAS.silence_s
+        here = [report for report, heard_s in self._reports.values() if heard_s > heard_after_s]
+        return bool(here) and all(report.ended for report in here)
 
     def drops(self) -> dict[int, tuple[int, int, int]]:
         """Of each camera: pictures that did not come, that segmentation dropped, that were not sent."""
         return {
-            c: (word.missed[k], word.dropped[k], word.unsent)
-            for cameras, (word, _) in self._words.items()
-            for k, c in enumerate(cameras[: min(len(word.missed), len(word.dropped))])
+            c: (report.missed[k], report.dropped[k], report.unsent)
+            for cameras, (report, _) in self._reports.items()
+            for k, c in enumerate(cameras[: min(len(report.missed), len(report.dropped))])
         }

@@ -6,7 +6,7 @@ from prometheus_client import REGISTRY, Counter, Histogram
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from proto.messages import Pose, Telemetry
+from proto.messages import DROPPED_BY, Pose, Telemetry
 from services.metrics import TIME_BUCKETS_S
 
 _ENERGY_BUCKETS_PX = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
@@ -65,7 +65,7 @@ def _of_live(told: Telemetry) -> Iterator[Metric]:
         "xormocap_live_drops", "Pictures of a camera that were not solved.", labels=["camera", "where"]
     )
     for camera, counts in told.drops.items():
-        for where, count in zip(("source", "segmentation", "tracking"), counts, strict=True):
+        for where, count in zip(DROPPED_BY, counts, strict=True):
             lost.add_metric([camera, where], count)
     yield lost
     yield GaugeMetricFamily("xormocap_live_absent", "Cameras without a picture just now.", len(told.absent))

@@ -6,7 +6,17 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from proto.messages import MAX_TOLD, Blob, CoordinatorStage, Pose, Silhouettes, TakeEnd, TakeInfo, Telemetry
+from proto.messages import (
+    LONGEST_REASON,
+    MAX_TOLD,
+    Blob,
+    CoordinatorStage,
+    Pose,
+    Silhouettes,
+    TakeEnd,
+    TakeInfo,
+    Telemetry,
+)
 from services.coordinator.incoming import Frame
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import Switchboard
@@ -17,7 +27,6 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.types import Floats
 
 T = TypeVar("T")
-_LONGEST_REASON = 1000
 
 
 class OutgoingMessages:
@@ -52,7 +61,7 @@ class OutgoingMessages:
             actor=actor.content_hash,
             rig=self._plan.rig.content_hash,
             backend=self._engine.name,
-            backend_reason=self._engine.reason[:_LONGEST_REASON],
+            backend_reason=self._engine.reason[:LONGEST_REASON],
             threads=self._engine.settings.threads,
             search=self._plan.settings.model_dump(mode="json"),
         )
@@ -75,7 +84,7 @@ class OutgoingMessages:
             workers=_some(dispatcher.workers),
             limbs=_some(dispatcher.busy),
             recorders=_some(recorders.recorded_ends),
-            counts=board.counts() | {"silhouettes_dropped": incoming.dropped},
+            counts=board.counts(),
             seconds=self._seconds,
             **incoming.figures(),
         )

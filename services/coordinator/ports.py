@@ -60,7 +60,7 @@ class Ports:
 
     def counts(self) -> dict[str, int]:
         """Numbers of dropped and refused messages."""
-        refused = self._doorkeeper.refused.total() if self._doorkeeper else 0
+        refused = self._doorkeeper.refused if self._doorkeeper else 0
         return {"malformed": self._malformed, "unwelcome": self._unwelcome, "handshakes_failed": refused}
 
     def publish(self, message: Message) -> None:

@@ -66,16 +66,16 @@ class Session:
         self._gauges.latest = told
         return told
 
-    def run(self, workers: int, recorders: int, timeout_s: float) -> None:
+    def run(self, workers: int, recorders: int) -> None:
         """Track all frames, or until a stop is requested; then announce the end and close.
 
-        It first waits for this many workers and recorders, or until the time is up. If recorders hold the
-        beginning of a run of the same plan, that run continues; else a new one begins.
+        It first waits for this many workers and recorders (await_clients). If recorders hold the beginning of
+        a run of the same plan, that run continues; else a new one begins.
 
         After a user's error the take ends with the frames solved so far. After another error nothing is
         announced, because a restarted coordinator may still succeed.
         """
-        held = await_clients(self._board, self._plan, workers, recorders, timeout_s, self._look)
+        held = await_clients(self._board, self._plan, workers, recorders, self._look)
         # Eight or more workers share limbs.
         shards = held.shards if held else max(1, max(workers, self._board.dispatcher.n_workers) // len(LIMBS))
         self._outgoing.run = held.run if held else secrets.token_hex(16)
@@ -217,4 +217,4 @@ class Session:
         self._board.end(self._outgoing.take_end(self._solved_end, is_settled=self._is_settled))
         if self._solved_end > self._plan.frames.start:
             await_confirmation(self._board, self._solved_end, self._look)
-        log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
+        log.info("end: %s", self._board.counts())

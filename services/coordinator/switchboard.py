@@ -66,6 +66,7 @@ class Switchboard:
             "results_dropped": dispatcher.dropped,
             "foreign": self.recorders.foreign,
             **self._ports.counts(),
+            "silhouettes_dropped": self.incoming.dropped,
         }
 
     def offer(self, blob: Blob) -> None:

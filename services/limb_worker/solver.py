@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from proto.messages import LimbRefusal, LimbResult, LimbTask
+from proto.messages import LONGEST_REASON, LimbRefusal, LimbResult, LimbTask
 from services.blob_store import BlobStore, keep_latest
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CLASS_BITS
@@ -45,7 +45,7 @@ class LimbSolver:
             window = replace(window, classes=task.classes if len(task.classes) else None)
             found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
         except ValueError as error:
-            return LimbRefusal(**task.task_key, reason=str(error)[:1000])
+            return LimbRefusal(**task.task_key, reason=str(error)[:LONGEST_REASON])
         return LimbResult(
             **task.task_key,
             energy_px=found.energy_px,

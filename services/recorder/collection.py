@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from proto.messages import OPEN_END, Blob, Pose, PoseRequest, Recording, TakeEnd, TakeInfo
+from proto.messages import Blob, Pose, PoseRequest, Recording, TakeEnd, TakeInfo
 from services.blob_store import BlobStore, UnusableBlobError
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
@@ -40,7 +40,7 @@ class Collection:
         if frames := store.first.frames:
             self._run = store.first[frames[0]].run
         if self.info is not None and store.first.end == self.info.end_frame:
-            self._is_settled = SearchSettings.model_validate(self.info.search).goes_both_ways
+            self._is_settled = self._goes_both_ways(self.info)
             if not self._is_settled or self.missing_settled() is None:  # else more is to follow
                 self._end = self.info.end_frame
 
@@ -132,8 +132,11 @@ class Collection:
         """Whether every frame of a recorded take is here, and settled if it is tracked both ways."""
         if self.info is None or self._store.first.end != self.info.end_frame:
             return False
-        both_ways = SearchSettings.model_validate(self.info.search).goes_both_ways
-        return not both_ways or self._store.settled.end == self.info.end_frame
+        return not self._goes_both_ways(self.info) or self._store.settled.end == self.info.end_frame
+
+    @staticmethod
+    def _goes_both_ways(info: TakeInfo) -> bool:
+        return SearchSettings.model_validate(info.search).goes_both_ways
 
     def first_poses(self) -> list[Pose]:
         """The poses from the first frame up to the first missing one, as the way forwards found them."""
@@ -143,7 +146,7 @@ class Collection:
     def recorded(self) -> list[Pose]:
         """The same frames, settled if all of them are; of live input, those that are."""
         poses, settled = self.first_poses(), self._store.settled
-        is_live = self.info is not None and self.info.end_frame == OPEN_END
+        is_live = self.info is not None and self.info.is_live
         if settled.end < self._store.first.end and not is_live:
             return poses
         for n, pose in enumerate(poses):

@@ -23,7 +23,7 @@ from services.mocap.types import Ints
 from services.mocap.verdict.judging import verdict_of
 from services.recorder.collection import Collection
 from services.recorder.result_folder import results_into
-from services.recorder.run_report import increasing, is_live, write_run_json
+from services.recorder.run_report import increasing, write_run_json
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ def write_results(
     actor = collection.actor()
     body = build_body(actor)
     frames: Ints = np.array([message.frame for message in recorded], np.int32)
-    times_s, live = increasing(np.array([message.time_s for message in recorded])), is_live(info)
+    times_s, live = increasing(np.array([message.time_s for message in recorded])), info.is_live
     table = PoseTable.of(frames, times_s, recorded, is_live=live)
     poses, known = table.poses, dict(known or {})
     if any(message.settled for message in recorded):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from proto.messages import OPEN_END, PROTOCOL_VERSION, Pose, TakeInfo
+from proto.messages import PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
 from services.mocap.export.formats import DEFAULT_FORMATS, FORMATS
 from services.mocap.motion.settings import OutputSettings
@@ -83,10 +83,10 @@ def write_run_json(
         "trust": marks and _trust(marks),
         **known,
     }
-    if is_live(info):
+    if info.is_live:
         report["live"] = live_report(info, recorded)
     for name, joints_m in joints_world_m.items():
-        accuracy = _accuracy(take, recorded, joints_m, is_of_shots=is_live(info))
+        accuracy = _accuracy(take, recorded, joints_m, is_of_shots=info.is_live)
         if accuracy is not None:
             report[name] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")
@@ -184,11 +184,6 @@ def joint_errors(frames: Sequence[int], estimated_m: Floats, reference_m: Floats
     }
 
 
-def is_live(info: TakeInfo) -> bool:
-    """Whether the poses are of live input."""
-    return info.end_frame == OPEN_END
-
-
 def increasing(times_s: Floats) -> Floats:
     """Times (N,), made strictly increasing: cameras' stamps may jitter."""
     steps_s = np.arange(len(times_s)) * _LEAST_STEP_S
@@ -198,7 +193,7 @@ def increasing(times_s: Floats) -> Floats:
 
 def rate_fps(info: TakeInfo, recorded: Sequence[Pose]) -> float:
     """Frames per second of the results: those of the recording, or the mean of live poses."""
-    if not is_live(info) or len(recorded) < 2:
+    if not info.is_live or len(recorded) < 2:
         return info.fps
     lasted_s = recorded[-1].time_s - recorded[0].time_s
     return (len(recorded) - 1) / lasted_s if lasted_s > 0 else info.fps

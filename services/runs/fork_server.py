@@ -121,8 +121,7 @@ class ForkServer:
                 while not isinstance(said := self._line.recv(), int):
                     self._codes.update([said])
         except (EOFError, OSError):
-            lines = self._log_path.read_text(errors="replace").splitlines()
-            why = lines[-1] if lines else "it said nothing"
+            why = last_line(self._log_path)
             raise ServiceFailedError(f"the process that starts services has ended: {why}") from None
         self._codes.pop(said, None)  # of an earlier process with this id
         return Forked(self, said)
@@ -208,3 +207,14 @@ if __name__ == "__main__":
     warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
     with suppress(EOFError, ConnectionError):
         serve(Connection(int(sys.argv[1])), sys.argv[2:])
+
+
+def last_line(log_path: Path) -> str:
+    """The last line of a log."""
+    lines = lines_of(log_path)
+    return lines[-1] if lines else "it said nothing"
+
+
+def lines_of(log_path: Path) -> list[str]:
+    """The lines of a log that are not blank."""
+    return [line for line in log_path.read_text(errors="replace").splitlines() if line.strip()]

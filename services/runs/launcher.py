@@ -9,11 +9,10 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TypeAlias
 
 from services import logs
@@ -21,7 +20,7 @@ from services.mocap.errors import UserError
 from services.options import KEYS_VARIABLE, METRICS_VARIABLE
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR, PARENT_VARIABLE
 from services.runs import ServiceFailedError
-from services.runs.fork_server import Birth, Forked, ForkServer, can_fork
+from services.runs.fork_server import Birth, Forked, ForkServer, can_fork, last_line, lines_of
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +76,7 @@ def fork_server(kinds: Iterable[str], log_folder: Path) -> ForkServer | None:
     if not can_fork():
         return None
     modules = [SERVICES[kind].module for kind in kinds]
-    return ForkServer(modules, _own_environment(os.environ), log_folder / _STARTS_LOG)
+    return ForkServer(modules, _own_environment(), log_folder / _STARTS_LOG)
 
 
 class Launcher:
@@ -100,9 +99,7 @@ class Launcher:
             self._forks = self._own_forks = fork_server(self._kinds, self._log_folder)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
         if self._own_forks is not None:
             self._own_forks.close()
@@ -128,13 +125,16 @@ class Launcher:
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
-                env={**_own_environment(os.environ), PARENT_VARIABLE: str(os.getpid())},
+                env={**_own_environment(), PARENT_VARIABLE: str(os.getpid())},
                 start_new_session=True,
             )
 
+    def _of(self, name: str) -> list[_Running]:
+        return [running for running in self._running if running.name == name]
+
     def pids(self, name: str) -> list[int]:
         """Process ids of a kind's living processes."""
-        return [r.process.pid for r in self._running if r.name == name and r.process.poll() is None]
+        return [running.process.pid for running in self._of(name) if running.process.poll() is None]
 
     def has_ended(self, name: str) -> bool:
         """Whether no process of a kind is left."""
@@ -142,7 +142,7 @@ class Launcher:
 
     def is_done(self, name: str) -> bool:
         """Whether all processes of a kind have ended without an error."""
-        ours = [running for running in self._running if running.name == name]
+        ours = self._of(name)
         return bool(ours) and all(self._ended_well(running) for running in ours)
 
     def _ended_well(self, running: _Running) -> bool:
@@ -151,7 +151,7 @@ class Launcher:
 
     def up_s(self, name: str) -> float:
         """How long ago the latest process of a kind was started."""
-        return time.monotonic() - max(running.started_s for running in self._running if running.name == name)
+        return time.monotonic() - max(running.started_s for running in self._of(name))
 
     def watch(self, over: Collection[str] = ()) -> None:
         """Restart each process that has died; over: kinds that have finished their work.
@@ -180,13 +180,12 @@ class Launcher:
         """Tell a kind's processes to stop, once."""
         if name not in self._told:
             self._told.add(name)
-            for running in self._running:
-                if running.name == name:
-                    running.process.send_signal(signal.SIGTERM)
+            for running in self._of(name):
+                running.process.send_signal(signal.SIGTERM)
 
     def warnings(self, name: str) -> list[str]:
         """Warnings of a kind's processes, one sentence each, without time and name."""
-        lines = [line for r in self._running if r.name == name for line in _lines(r.log_path)]
+        lines = [line for running in self._of(name) for line in lines_of(running.log_path)]
         return [line.partition(" WARNING ")[2] for line in lines if " WARNING " in line]
 
     def stop(self) -> None:
@@ -210,10 +209,10 @@ class Launcher:
                 running.process.wait(max(left_s, 0.01))
 
 
-def _own_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment without settings for services on several machines, which do not apply on loopback."""
+def _own_environment() -> dict[str, str]:
+    """This process's, without settings for services on several machines, which do not apply on loopback."""
     left_out = (KEYS_VARIABLE, METRICS_VARIABLE, logs.VARIABLE)
-    return {name: value for name, value in environment.items() if name not in left_out}
+    return {name: value for name, value in os.environ.items() if name not in left_out}
 
 
 def free_endpoint() -> str:
@@ -231,13 +230,3 @@ def free_port(ports: int = 1) -> int:
                     probe.bind(("127.0.0.1", port + k))
             return port
     raise ServiceFailedError(f"no {ports} free ports in a row on 127.0.0.1")
-
-
-def last_line(path: Path) -> str:
-    """The last line of a log."""
-    lines = _lines(path)
-    return lines[-1] if lines else "it said nothing"
-
-
-def _lines(path: Path) -> list[str]:
-    return [line for line in path.read_text(errors="replace").splitlines() if line.strip()]

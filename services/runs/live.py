@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from proto.messages import DROPPED_BY
 from services.mocap.errors import UserError
 from services.mocap.result.layout import partial_of
 from services.mocap.result.result import edited_run
@@ -79,8 +80,7 @@ def live(
     with edited_run(job.out) as report:
         report["settings"]["segmenter"] = job.segmenter
         if told is not None:
-            names = ("source", "segmentation", "tracking")
-            drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in told.drops.items()}
+            drops = {cam: dict(zip(DROPPED_BY, counts, strict=True)) for cam, counts in told.drops.items()}
             report["live"]["drops"] = drops
             if "settled_median" in (latency_s := told.latency_s):
                 settled_s = {which: latency_s[f"settled_{which}"] for which in ("median", "p95")}

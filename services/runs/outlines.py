@@ -21,27 +21,26 @@ _KEPT = 3
 def outlines_of(
     take: Take,
     frames: range,
-    every: int,
     progress: Callable[[float], None],
     segmenter: str = AUTO,
     moved: Mapping[str, Mask] | None = None,
 ) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and the trimaps of a few of these.
 
-    every: use every n-th frame. The trimaps (K, C, H, W) are those of the first, the middle and the last one
-    of them. progress: called with 0 to 1. moved: by camera the pixels (h, w) that show a moved object
-    (Segmenter.moved), which one camera alone takes for the actor; they are unsure.
+    The trimaps (K, C, H, W) are those of the first, the middle and the last frame. progress: called with 0 to
+    1. moved: by camera the pixels (h, w) that show a moved object (Segmenter.moved), which one camera alone
+    takes for the actor; they are unsure.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
     outlines: list[list[Outline | None]] = []
-    kept = evenly(len(range(0, len(frames), every)), _KEPT).tolist()
+    kept = evenly(len(frames), _KEPT).tolist()
     some_trimaps: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
     for c, camera in enumerate(take.cameras):
         alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
-        trimaps = alone.trimaps(frames.start, frames.stop)
+        trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
         of_camera: list[Outline | None] = []
-        for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
+        for n, (trimap,) in enumerate(trimaps):
             of_camera.append(outline_of(trimap, cameras[c]))
             if n in kept:
                 some_trimaps[kept.index(n), c] = in_common_size(trimap, width_px, height_px)

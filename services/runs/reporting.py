@@ -43,7 +43,8 @@ class _Keeper(logging.Handler):
 
 @contextmanager
 def kept_warnings() -> Iterator[list[str]]:
-    """Collects the library's warnings, to show them to the user; of nested ones the innermost does."""
+    """Collects the library's warnings, to show them to the user; of nested blocks only the innermost
+    collects."""
     logger, keeper = logging.getLogger("services"), _Keeper()
     outer = [handler for handler in logger.handlers if isinstance(handler, _Keeper)]
     for handler in outer:

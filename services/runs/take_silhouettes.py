@@ -32,11 +32,15 @@ class TakeSilhouettes:
         """What is wrong with the empty stage, as far as it was noticed while learning it."""
 
     @property
+    def are_ready(self) -> bool:
+        """Whether they are the take's own."""
+        return chosen_segmenter(self.take, self.name) == READY
+
+    @property
     def has_stage(self) -> bool:
         """Whether they are ready, or the empty stage was recorded for all cameras, so that it need not be
         estimated from the videos."""
-        is_ready = chosen_segmenter(self.take, self.name) == READY
-        return is_ready or all(map(self.take.has_background, self.take.cameras))
+        return self.are_ready or all(map(self.take.has_background, self.take.cameras))
 
     @cached_property
     def segmenter(self) -> Segmenter:
@@ -51,7 +55,7 @@ class TakeSilhouettes:
     @property
     def kept(self) -> KeptTrimaps | None:
         """The silhouettes that are kept; None if none are, or they are the take's own."""
-        if self._kept is None or chosen_segmenter(self.take, self.name) == READY:
+        if self._kept is None or self.are_ready:
             return None
         return KeptTrimaps(self._kept, self.take.cameras)
 

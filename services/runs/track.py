@@ -11,10 +11,9 @@ from typing import Any
 from services.mocap.export.formats import write_defaults
 from services.mocap.result.layout import CORRECTED_FRAMES, LOGS, partial_of
 from services.mocap.result.result import edited_run, load_result
-from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER, read_record
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.fit_record import FIT_FOLDER, record_of
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import ACTOR
 from services.mocap.verdict.judging import CHECKS
 from services.mocap.verdict.verdict import Cause
 from services.runs import Interrupted, ServiceFailedError
@@ -77,11 +76,11 @@ def track(
 def _plan(job: TakeJob, known: Path) -> Plan:
     """The plan of a job; known: where the further entries of run.json are written."""
     fitted, frames = job.fitted, job.frames
-    actor = take_actor(job.take) if fitted is None else read_actor(fitted / ACTOR)
+    actor = take_actor(job.take, fitted)
     entries: dict[str, Any] = {CHECKS: [cause.model_dump() for cause in job.checks]}
     fit_folder = fitted or job.take.folder / FIT_FOLDER
-    record, of_segmentation = read_record(fit_folder), tuple[str, ...]()
-    if record is not None and actor is not None and record.actor == actor.content_hash:
+    record, of_segmentation = record_of(fit_folder, actor), tuple[str, ...]()
+    if record is not None:
         entries["fit"] = record.model_dump()
         of_segmentation = "--fitted", str(fit_folder)
     if job.kept is not None:

@@ -20,7 +20,7 @@ from services.listener import hear
 from services.logs import about
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
-from services.mocap.take.fit_record import read_colour_tables, read_occluded
+from services.mocap.take.fit_record import read_learnt
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
@@ -54,7 +54,7 @@ class Sender:
         chosen = [take.cameras[c] for c in cameras]
         made = make_segmenter(take, chosen, segmenter, self._checks.append, kept)
         if fitted is not None:
-            made = made.knowing(read_occluded(fitted, chosen), read_colour_tables(fitted, chosen))
+            made = made.knowing(*read_learnt(fitted, chosen))
         self._segmenter = made
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)

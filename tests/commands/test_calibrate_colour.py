@@ -138,6 +138,24 @@ def test_pictures_that_are_missing_or_useless_leave_the_take_as_it_is(small_take
         command.calibrate(colour=folder, check=folder)
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        (),
+        ("draw", "refine", "clips"),
+        ("draw", "points"),
+        ("points", "refine", "clips"),
+        ("points", "check"),
+        ("source", "clips"),
+    ],
+    ids=" ".join,
+)
+def test_what_would_be_ignored_is_refused(tmp_path: Path, given: tuple[str, ...]) -> None:
+    with pytest.raises(UserError, match="expected one of a folder of CLIPS"):
+        command.calibrate(**dict.fromkeys(given, tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_colour_toml_says_is_checked(small_take: SmallTake) -> None:
     folder = small_take()
     for text, said in (

@@ -79,6 +79,17 @@ def test_frames_beyond_the_take_are_refused(synthetic_take: Path, tmp_path: Path
     assert "--frames 20:30: expected a range within 0:24" in done.stderr
 
 
+def test_an_endpoint_that_is_no_address_is_refused_at_once(synthetic_take: Path, tmp_path: Path) -> None:
+    """By the command as a process: the error is of proto, not of the user's kind."""
+    command = [sys.executable, "-m", "services.cli", "track", synthetic_take, "--out", tmp_path / "out"]
+    done = subprocess.run(
+        [*command, "--endpoint", "here"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert done.stderr.startswith("here: expected an address such as tcp://")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("asked", "said"),
     [

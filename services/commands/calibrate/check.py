@@ -26,11 +26,11 @@ def check_take(folder: Path) -> None:
     warn(take.remarks)
     if len(take.cameras) < _FEWEST_CAMERAS:
         raise TakeError(f"{folder}: has only one camera: expected at least two cameras to compare")
-    frames = range(take.settings.frames)
-    every = -(-len(frames) // _MOST_FRAMES)
+    n_frames = take.settings.frames
+    frames = range(0, n_frames, -(-n_frames // _MOST_FRAMES))
     with progress_bar() as show:
         cameras, outlines, some_trimaps = outlines_of(
-            take, frames, every, lambda share: show("looking at silhouettes", share)
+            take, frames, lambda share: show("looking at silhouettes", share)
         )
     found = agreement_of(cameras, outlines)
     names = [camera.name for camera in cameras]

@@ -144,7 +144,7 @@ def calibrate(
     optionally intrinsics/<camera>.mp4, in which the board is close to one camera. CLIPS/board.toml may
     describe the board.
     """
-    _check_one_is_asked_for(clips if refine is None else refine, draw, points, check, colour, source)
+    _check_one_is_asked_for(clips, draw, points, refine, source, check, colour)
     if refine is not None:
         if clips is None:
             raise UserError(
@@ -174,20 +174,29 @@ def calibrate(
             _, lens_file = _lens_of(lens)
             if lens_file is None or out is None:
                 raise UserError(
-                    "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved, or --lens "
-                    "FILE with the cameras' lenses and --out, the file to write"
+                    "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved; alone, it "
+                    "needs --lens FILE, the cameras' lenses, and --out FILE, the file to write"
                 )
             place_by_points(points, lens_file, out, up)
 
 
 def _check_one_is_asked_for(
-    clips: Path | None, draw: Path | None, points: Path | None, *others: Path | None
-) -> None:
-    """Raise UserError unless exactly one action is requested; --draw may use the board.toml of CLIPS."""
-    asked = sum(given is not None for given in (clips, *others))
-    is_points_alone = points is not None and asked == 0 and draw is None
-    if (draw is None and asked != 1 and not is_points_alone) or (
-        draw is not None and any(other is not None for other in others)
+    clips: Path | None, draw: Path | None, points: Path | None, refine: Path | None, source: Path | None,
+    *others: Path | None,
+) -> None:  # fmt: skip
+    """Raise UserError unless exactly one action is requested.
+
+    --draw may use the board.toml of CLIPS, --refine needs TAKE in their place, and --points may come with
+    CLIPS or --import.
+    """
+    n_options = sum(given is not None for given in (draw, refine, source, *others))
+    takes_clips = n_options == 0 or draw is not None or refine is not None
+    takes_points = n_options == 0 or source is not None
+    if (
+        n_options > 1
+        or (n_options == 0 and clips is None and points is None)
+        or (clips is not None and not takes_clips)
+        or (points is not None and not takes_points)
     ):
         raise UserError(
             "calibrate: expected one of a folder of CLIPS, TAKE --refine RESULT, --check TAKE, "

@@ -9,7 +9,6 @@ from rich.markup import escape
 from services.commands.consoles import say, stdout, table_of, warn
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.placing import (
-    Placed,
     ScenePoints,
     moved_to_points,
     placed_one_by_one,
@@ -49,7 +48,11 @@ def place_by_points(file: Path, lens_file: Path, out: Path, up: Up) -> None:
 def in_world_of(cameras: Sequence[Camera], points: ScenePoints) -> tuple[tuple[Camera, ...], list[str]]:
     """Calibrated cameras moved to the world of measured points, and remarks; prints how well these fit."""
     placed = moved_to_points(cameras, points)
-    say(in_words(placed))
+    say(
+        f"{len(placed.errors_mm)} measured points are {placed.errors_mm.mean():.1f} mm from where the "
+        f"cameras see them (mean; worst {placed.errors_mm.max():.1f} mm); the cameras' lengths are "
+        f"{placed.scale:.4f} times the measured ones"
+    )
     remarks = list(placed.remarks)
     if abs(placed.scale - 1.0) > _SCALE_OFF:
         remarks.append(
@@ -57,12 +60,3 @@ def in_world_of(cameras: Sequence[Camera], points: ScenePoints) -> tuple[tuple[C
             f"measure the board again, or give --scale {1.0 / placed.scale:.4g} with --import"
         )
     return placed.cameras, remarks
-
-
-def in_words(placed: Placed) -> str:
-    """How far measured points are from where the cameras see them."""
-    return (
-        f"{len(placed.errors_mm)} measured points are {placed.errors_mm.mean():.1f} mm from where the "
-        f"cameras see them (mean; worst {placed.errors_mm.max():.1f} mm); the cameras' lengths are "
-        f"{placed.scale:.4f} times the measured ones"
-    )

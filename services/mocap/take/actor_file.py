@@ -18,9 +18,10 @@ _DIGITS = 4
 """Lengths to a tenth of a millimetre, factors to a hundredth of a percent; a fit is not more exact."""
 
 
-def take_actor(take: Take) -> Actor | None:
-    """The actor in the take, if any; raises TakeError if it cannot be used."""
-    path = take.actor_path
+def take_actor(take: Take, fitted: Path | None = None) -> Actor | None:
+    """The actor in a folder of xormocap fit, else in the take, if any; raises TakeError if it cannot be
+    used."""
+    path = take.actor_path if fitted is None else fitted / ACTOR
     return read_actor(path) if path is not None else None
 
 

@@ -1,7 +1,7 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -81,11 +81,19 @@ def read_record(folder: Path) -> FitRecord | None:
         raise TakeError(f"{path}: is not a file of xormocap fit: remove it or fit again") from None
 
 
-def was_refined(folder: Path, actor: Actor) -> bool | None:
-    """Whether the fit in a folder that found this very actor was one to frames of the whole take; None if no
-    fit there found it. Raises TakeError if its record cannot be used."""
+def record_of(folder: Path, actor: Actor | None) -> FitRecord | None:
+    """The record of the fit in a folder that found this very actor; None if no fit there found it. Raises
+    TakeError as read_record."""
     record = read_record(folder)
-    return record.is_refined if record is not None and record.actor == actor.content_hash else None
+    is_its_own = record is not None and actor is not None and record.actor == actor.content_hash
+    return record if is_its_own else None
+
+
+def was_refined(folder: Path, actor: Actor) -> bool | None:
+    """Whether the fit in a folder that found this very actor was one to frames of the whole take; else as
+    record_of."""
+    record = record_of(folder, actor)
+    return None if record is None else record.is_refined
 
 
 def known_poses(folder: Path, actor: Actor, settings: TakeSettings) -> dict[int, Floats]:
@@ -94,10 +102,15 @@ def known_poses(folder: Path, actor: Actor, settings: TakeSettings) -> dict[int,
     Poses from a fit with other hints in take.toml are not used. Raises TakeError if the files of the fit
     cannot be used.
     """
-    record = read_record(folder)
-    if record is None or record.actor != actor.content_hash or record.hints != hints_of(settings):
+    record = record_of(folder, actor)
+    if record is None or record.hints != hints_of(settings):
         return {}
     return read_poses_csv(folder / POSES).by_frame()
+
+
+def read_learnt(folder: Path, cameras: Sequence[Camera]) -> tuple[dict[str, Mask], dict[str, Bytes]]:
+    """What a fit learnt of some cameras: read_occluded and read_colour_tables."""
+    return read_occluded(folder, cameras), read_colour_tables(folder, cameras)
 
 
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
