@@ -11,7 +11,6 @@ from rich.table import Table
 
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
-from services.mocap.calibration.epipolar_tangents import touches_of
 from services.mocap.calibration.time_offsets import STEP, TimeOffsets, find_offsets
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
@@ -46,8 +45,7 @@ def sync(
         cameras, outlines, _ = outlines_of(
             opened, frames, lambda share: show("looking at silhouettes", share)
         )
-    width_px = float(np.median([camera.width_px for camera in cameras]))
-    found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
+    found = find_offsets(cameras, outlines, reach)
     is_sure = found.confidence >= _LEAST_CONFIDENCE
     stdout.print(_table(opened, found, is_sure))
     if not _in_step(stated, found, is_sure) and write:

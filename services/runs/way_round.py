@@ -98,7 +98,7 @@ def faces_other_way(model: Model, seen: TriPlanes, poses: Floats, search: Search
 
     In eleven right runs, the turned body had at least 1.5 times the energy; in a wrong one, 0.8 times.
     """
-    some, aligned = evenly(len(poses), _TRIED), search.model_copy(update={"search_limbs": "never"})
+    some, aligned = evenly(len(poses), _TRIED), search.aligned_only()
 
     def sum_px(starts: Iterable[Floats], settings: SearchSettings) -> float:
         return sum(

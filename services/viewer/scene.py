@@ -13,7 +13,7 @@ from services.mocap.search.error_by_part import SEGMENT_PARTS
 from services.mocap.take.marks import doubtful_parts
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.show import Show, lenses_of, placed_segments
+from services.viewer.show import Show, frusta_of, placed_segments
 
 DISTRUSTED_RGB = (214, 69, 69)
 _FRUSTUM_M = 0.2
@@ -53,7 +53,7 @@ class Scene3D:
                 color=(60, 72, 88), wxyz=lens.wxyz, position=lens.position_m, cast_shadow=False,
             )
             for name, lens in zip(
-                show.camera_names, lenses_of(show.rig) if show.rig is not None else [], strict=True
+                show.camera_names, frusta_of(show.rig), strict=True
             )
         ]  # fmt: skip
         self._trails = [

@@ -55,8 +55,8 @@ def placed_segments(body: Body, pose: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Lens:
-    """A camera as a frustum."""
+class Frustum:
+    """What a camera sees."""
 
     wxyz: Floats
     """(4,) its axes in the world: x right, y down, z forward."""
@@ -68,14 +68,16 @@ class Lens:
     """Width over height."""
 
 
-def lenses_of(rig: Rig) -> list[Lens]:
-    """The cameras of a rig."""
-    lenses = []
+def frusta_of(rig: Rig | None) -> list[Frustum]:
+    """Those of the cameras of a rig; none without one."""
+    frusta = list[Frustum]()
+    if rig is None:
+        return frusta
     for P_px_world, (width_px, height_px) in zip(rig.P_px_world, rig.sizes_px.tolist(), strict=True):
         sign = np.sign(np.linalg.det(P_px_world[:, :3]))  # P is known up to its factor only
         K, R_camera_world, centre, *_ = cv2.decomposeProjectionMatrix(sign * P_px_world)
         fov_rad = 2 * np.arctan(0.5 * height_px * K[2, 2] / K[1, 1])
         centre_m = (centre[:3] / centre[3]).ravel()
         wxyz = Rotation.from_matrix(R_camera_world.T).as_quat(scalar_first=True)
-        lenses.append(Lens(wxyz, centre_m, fov_rad, width_px / height_px))
-    return lenses
+        frusta.append(Frustum(wxyz, centre_m, fov_rad, width_px / height_px))
+    return frusta

@@ -8,7 +8,7 @@ import viser
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.types import Floats
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.show import Show, lenses_of
+from services.viewer.show import Show, frusta_of
 
 FOV_RAD = 0.9
 _BESIDE_RAD, _ABOVE_RAD = 0.6, 0.35
@@ -48,7 +48,7 @@ class ViewpointControl:
 
     def __init__(self, camera: viser.CameraHandle, show: Show) -> None:
         self._camera, self._show = camera, show
-        self._cameras_m = np.array([lens.position_m for lens in lenses_of(show.rig)] if show.rig else [])
+        self._cameras_m = np.array([frustum.position_m for frustum in frusta_of(show.rig)])
         self._followed_m: Floats | None = None
         self._framed: tuple[Floats, SolvedFrame, float, float] | None = None
         """What was last put into view: points (N, 3), a frame, the view's aspect, and when."""

@@ -15,7 +15,7 @@ from services.mocap.types import Floats
 from services.viewer.controls import Controls
 from services.viewer.frame_history import FrameHistory
 from services.viewer.page_words import show_words
-from services.viewer.show import Show, lenses_of, placed_segments
+from services.viewer.show import Show, frusta_of, placed_segments
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_colour_classes_can_be_chosen_where_there_are_any(
 
 
 def test_a_frustum_is_its_camera(walk: Take) -> None:
-    for camera, lens in zip(walk.cameras, lenses_of(Rig.of(walk.cameras)), strict=True):
+    for camera, lens in zip(walk.cameras, frusta_of(Rig.of(walk.cameras)), strict=True):
         np.testing.assert_allclose(lens.position_m, camera.centre_world_m, atol=1e-9)
         R_world_camera = Rotation.from_quat(np.roll(lens.wxyz, -1)).as_matrix()
         np.testing.assert_allclose(R_world_camera, camera.R_camera_world.T, atol=1e-9)
@@ -43,7 +43,7 @@ def test_a_frustum_is_its_camera(walk: Take) -> None:
 def test_a_projection_of_any_sign_is_the_same_camera(walk: Take) -> None:
     rig = Rig.of(walk.cameras)
     turned = Rig(-2.0 * rig.P_px_world, rig.sizes_px)
-    for ours, theirs in zip(lenses_of(rig), lenses_of(turned), strict=True):
+    for ours, theirs in zip(frusta_of(rig), frusta_of(turned), strict=True):
         np.testing.assert_allclose(ours.position_m, theirs.position_m, atol=1e-9)
         np.testing.assert_allclose(abs(ours.wxyz @ theirs.wxyz), 1.0)
 

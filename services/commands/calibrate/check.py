@@ -44,7 +44,7 @@ def check_take(folder: Path) -> None:
     warn(remarks_on(cameras))
     if not found.odd:
         return
-    good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
+    good = found.good
     others, odd = f"any of the {len(names)} cameras", [names[c] for c in found.odd]
     if len(good) > 1:
         others, odd = f"the other {len(good)} cameras", []

@@ -201,7 +201,7 @@ class OwnMesh(BodyMesh):
         return cls(tuple(segments), offsets_heights, lengths_heights, content=content)
 
 
-_SHAPES: dict[str, tuple[str, tuple[int, ...]]] = {
+_ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
     "format": ("i4", ()),
     "offsets_heights": ("f8", (len(JOINTS), 3)),
     "lengths_heights": ("f8", (len(BONES),)),
@@ -220,12 +220,12 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
             if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
                 raise MeshContentError("it is too large")
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in _SHAPES}
+            arrays = {name: stored[name] for name in _ARRAYS}
     except (OSError, EOFError, ValueError, LookupError, zipfile.BadZipFile) as error:
         if isinstance(error, MeshContentError):
             raise
         raise MeshContentError("it is not a file of xormocap") from None
-    for name, (dtype, shape) in _SHAPES.items():
+    for name, (dtype, shape) in _ARRAYS.items():
         array = arrays[name]
         fits = len(array.shape) == len(shape) and all(
             b in (-1, a) for a, b in zip(array.shape, shape, strict=True)

@@ -48,11 +48,13 @@ class Clip:
         """False for pictures."""
         return self.path.suffix.lower() in VIDEO_SUFFIXES
 
-    def pictures(self, every: int) -> Iterator[tuple[int, Bytes]]:
-        """Every nth picture (H, W, 3) with its number; raises TakeError if one cannot be read.
+    def pictures(self, most: int) -> Iterator[tuple[int, Bytes]]:
+        """At most so many pictures (H, W, 3), evenly spread, with their numbers; raises TakeError if one
+        cannot be read.
 
         A picture's number is the one at the end of its file name, if all have one, else its position.
         """
+        every = -(-self.n_frames() // most)
         if self.is_video:
             with VideoReader(self.path) as reader:
                 for frame, picture in enumerate(reader):

@@ -38,8 +38,7 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
     """
     for number, (clip, sightings) in enumerate(looked):
         if (board.has_markers and number == 0) or len(sightings.by_frame) < FEWEST_VIEWS:
-            every = -(-clip.n_frames() // _SAMPLES)
-            samples = [upright_print(picture, board) for _, picture in clip.pictures(every)]
+            samples = [upright_print(picture, board) for _, picture in clip.pictures(_SAMPLES)]
             if sightings.is_behind:
                 samples = [np.ascontiguousarray(sample[:, ::-1]) for sample in samples]
             find_problem = wrong_markers if board.has_markers else _wrong_chessboard

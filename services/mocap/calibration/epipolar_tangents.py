@@ -165,6 +165,11 @@ class TangentAgreement:
     odd: tuple[int, ...]
     """Cameras that do not agree with the others, the worst first."""
 
+    @property
+    def good(self) -> list[int]:
+        """Cameras that are known to agree with the others."""
+        return [c for c in range(len(self.off_px)) if c not in self.odd and np.isfinite(self.off_px[c])]
+
 
 def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> TangentAgreement:
     """Find the cameras that disagree: the worst is left out until all others agree.

@@ -106,7 +106,7 @@ def _with_polarity(board: Board, clips: list[Clip]) -> Board:
     """The board, inverted or not as it is found in samples of the clips; unchanged if it is in none."""
     plain, inverted = (board.model_copy(update={"inverted": value}) for value in (False, True))
     for clip in clips if board.has_markers else ():
-        samples = [picture for _, picture in clip.pictures(-(-clip.n_frames() // _POLARITY_SAMPLES))]
+        samples = [picture for _, picture in clip.pictures(_POLARITY_SAMPLES)]
         for other in (plain, inverted):
             if any(Detector(other).find(picture) for picture in samples):
                 return other
@@ -117,7 +117,7 @@ def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
     """All that a camera saw: of its clip, of its own clip for the lens, and of the origin."""
 
     def look(at: Clip, most: int) -> Sightings:
-        return look_through(clip.camera, at.pictures(-(-at.n_frames() // most)), detector)
+        return look_through(clip.camera, at.pictures(most), detector)
 
     seen = look(clip, _MOST_LOOKED_AT)
     by_frame = dict(seen.by_frame)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.calibration.lens import N_INTRINSICS, Intrinsics, Lens
+from services.mocap.calibration.lens import N_INTRINSICS, Intrinsics, Lens, intrinsic_values
 from services.mocap.camera.formats.reading import read_loose
 from services.mocap.errors import CalibrationError
 from services.mocap.take.recordings import match_by_name
@@ -32,11 +32,8 @@ def known_lenses(path: Path, cameras: Sequence[str]) -> dict[str, Intrinsics]:
                 f"{path}: {lens.name}: has {len(used)} lens coefficients: expected at most "
                 f"{_MOST_COEFFICIENTS[lens.fisheye]}"
             )
-        values = np.zeros(N_INTRINSICS)
-        values[:4] = lens.K[0, 0], lens.K[1, 1], lens.K[0, 2], lens.K[1, 2]
-        values[4 : 4 + len(used)] = used
         model: Lens = "fisheye" if lens.fisheye else "wide" if len(used) > 4 else "normal"
-        found[name] = Intrinsics(model, lens.size_px, values, _HELD)
+        found[name] = Intrinsics(model, lens.size_px, intrinsic_values(lens.K, used), _HELD)
     if not found:
         raise CalibrationError(
             f"{path}: has lenses of {', '.join(there)}: expected those of {', '.join(cameras)}"

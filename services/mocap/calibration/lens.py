@@ -41,6 +41,13 @@ the principal point is in the middle if it is not free."""
 _VALUES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
+def intrinsic_values(K: Floats, coefficients: Floats) -> Floats:
+    """(N_INTRINSICS,) as Intrinsics holds them: of a camera matrix (3, 3) and a lens's coefficients (n,)."""
+    values: Floats = np.zeros(N_INTRINSICS)
+    values[: 4 + len(coefficients)] = K[0, 0], K[1, 1], K[0, 2], K[1, 2], *coefficients
+    return values
+
+
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
     """One camera's lens."""
@@ -48,7 +55,7 @@ class Intrinsics:
     lens: Lens
     size_px: tuple[int, int]
     values: Floats
-    """(N_INTRINSICS,)"""
+    """(N_INTRINSICS,) focal lengths, principal point and coefficients (intrinsic_values)."""
     free: tuple[bool, ...] = ()
     """Which of the values an adjustment may change; by default all that the lens has."""
 
@@ -183,10 +190,7 @@ def _calibrate(
             f"{sightings.camera}: its views of the board do not determine the lens: show the board slanted, "
             "in the corners of the picture too"
         ) from None
-    values = np.zeros(N_INTRINSICS)
-    values[:4] = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    count = N_COEFFICIENTS[lens]
-    values[4 : 4 + count] = np.ravel(distortion)[:count]
+    values = intrinsic_values(K, np.ravel(distortion)[: N_COEFFICIENTS[lens]])
     # The principal point lies within the picture, and the focal length is no telescope's.
     (fx, fy, cx, cy), (width, height) = values[:4], sightings.size_px
     inside = 0 <= cx <= width - 1 and 0 <= cy <= height - 1

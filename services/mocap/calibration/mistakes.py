@@ -165,9 +165,8 @@ def _undone(
                 "swap their names there, or rename their files",
                 is_certain=True,
             )
-    good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
-    for c in found.odd if len(good) > 1 else ():
-        yield from _turned(c, cameras, outlines, good, float(found.off_px[c]))
+    for c in found.odd if len(found.good) > 1 else ():
+        yield from _turned(c, cameras, outlines, found.good, float(found.off_px[c]))
 
 
 def _turned(
@@ -206,8 +205,7 @@ def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
 
 def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) -> Iterator[Mistake]:
     """Cameras that agree better some frames later or earlier."""
-    width_px = float(np.median([camera.width_px for camera in cameras]))
-    found = find_offsets(touches_of(cameras, outlines), len(cameras), _REACH, width_px)
+    found = find_offsets(cameras, outlines, _REACH)
     usual = float(np.median(found.offsets))
     for c, camera in enumerate(cameras):
         ahead = float(found.offsets[c]) - usual

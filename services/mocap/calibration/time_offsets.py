@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.calibration.epipolar_tangents import Touches
+from services.mocap.calibration.epipolar_tangents import Outline, Touches, touches_of
+from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats
 
 STEP = 0.5
@@ -31,8 +32,15 @@ class TimeOffsets:
     """The same without offsets."""
 
 
-def find_offsets(pairs: list[Touches], n_cameras: int, reach: int, width_px: float) -> TimeOffsets:
-    """The offsets with which all pairs of cameras agree best; up to `reach` frames between two cameras."""
+def find_offsets(
+    cameras: tuple[Camera, ...], outlines: list[list[Outline | None]], reach: int
+) -> TimeOffsets:
+    """The offsets with which all pairs of cameras agree best; up to `reach` frames between two cameras.
+
+    outlines: per camera, of each frame.
+    """
+    pairs, n_cameras = touches_of(cameras, outlines), len(cameras)
+    width_px = float(np.median([camera.width_px for camera in cameras]))
     later = np.arange(-2 * reach, 2 * reach + STEP / 2, STEP)  # of two cameras, each off by up to `reach`
     costs = {(p.first, p.second): _costs(p, later, _CAP_PX_PER_WIDTH * width_px) for p in pairs}
     costs = {pair: cost for pair, cost in costs.items() if np.isfinite(cost).any()}

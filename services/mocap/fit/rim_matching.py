@@ -80,9 +80,8 @@ def match_view(rim: Rim, contour: Contour) -> Matches:
     if contour.near_unsure is not None:
         told = ~_hidden(rim, forth, contour.points_px[on_contour], contour.near_unsure)
         forth, on_contour = forth[told], on_contour[told]
-    tree = cKDTree(
-        features, compact_nodes=False, balanced_tree=False
-    )  # balancing takes longer than one query gains
+    # Balancing takes longer than one query gains.
+    tree = cKDTree(features, compact_nodes=False, balanced_tree=False)
     _, on_rim = tree.query(contour.tree.data[contour.chosen])
     rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, contour.chosen])
     back_px = contour.length_px / max(len(on_rim), 1)

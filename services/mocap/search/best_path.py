@@ -12,7 +12,6 @@ import numpy as np
 
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS, pixel_scale
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model
@@ -113,9 +112,7 @@ class PathSearch:
 
     def _energies_px(self, seen: TriPlanes, poses: Floats, absent: Collection[int]) -> Floats:
         """(K,) what poses (K, D) cost in a frame, with what limbs inside others or in unusual poses cost."""
-        rig = self._model.rig
-        picture = Picture.of_frame(rig, seen).without_cameras(absent)
-        settings = self._settings.without_cameras(absent, rig.n_cameras)
+        picture, settings = self._model.without_cameras(seen, absent, self._settings)
         energy = whole_body_energy(self._model, picture, settings)
         return np.asarray(energy(poses) + self._model.aligner(settings).prices_px(poses, settings))
 

@@ -72,7 +72,7 @@ def solve_both_ways(
         path.add(seen[frame], forward[frame], back.pose)
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
-    aligned_only = settings.model_copy(update={"search_limbs": "never"})
+    aligned_only = settings.aligned_only()
     trust = PartConfidence(model.rig, settings.doubt_px)
     for frame, chosen in enumerate(path.best()[::-1]):
         yield Step("settling", frame)

@@ -8,7 +8,7 @@ import numpy as np
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, BodyName, Dof, pose_of_body
 from services.mocap.energy.picture import Picture
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.found import BY_ENERGY, FrameSolution
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import Hull
 from services.mocap.search.jobs import LimbPool, limb_jobs
@@ -59,7 +59,7 @@ def find_first_pose(
     starts = _promising(model, picture, _starts(model, hull, settings.body, facing_rad), settings)
     starts = first_apart(_aligned(model, picture, starts, settings), _MOST_SEARCHED, model.body.offsets_m)
     found = [_first_look(model, picture, start, settings, limbs) for start in starts]
-    found.sort(key=_energy_px)
+    found.sort(key=BY_ENERGY)
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
     if facing_rad is not None:
         return FirstPose(best)
@@ -69,13 +69,9 @@ def find_first_pose(
     opposites = np.array([*away, turned_round(best.pose)])
     opposite = solve_frame(model, picture, opposites, settings.widened(), limbs)
     if not _turned_away(opposite.pose, best.pose):
-        return FirstPose(min(best, opposite, key=_energy_px))
-    best, opposite = sorted((best, opposite), key=_energy_px)
+        return FirstPose(min(best, opposite, key=BY_ENERGY))
+    best, opposite = sorted((best, opposite), key=BY_ENERGY)
     return FirstPose(best, opposite)
-
-
-def _energy_px(solution: FrameSolution) -> float:
-    return solution.energy_px
 
 
 def _first_look(

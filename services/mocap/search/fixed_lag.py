@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import PathSearch
 from services.mocap.search.both_ways import Step
 from services.mocap.search.found import FrameSolution
@@ -119,9 +118,7 @@ class FixedLag:
             path.add(self._before.seen, pose, pose, self._before.absent)
 
     def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
-        rig = self._model.rig
-        picture = Picture.of_frame(rig, frame.seen).without_cameras(frame.absent)
-        settings = self._settings.without_cameras(frame.absent, rig.n_cameras)
+        picture, settings = self._model.without_cameras(frame.seen, frame.absent, self._settings)
         return solve_frame(self._model, picture, starts, settings, self._limbs, trust)
 
     def _settled(self, solution: FrameSolution) -> Step:

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
@@ -48,6 +49,10 @@ class FrameSolution:
         self.energy_px = float(shares.energy_px)
         self.measured["part_px"] = [float(shares.part_px[part]) for part in PARTS]
         self.measured["iou"] = shares.iou
+
+
+BY_ENERGY = attrgetter("energy_px")
+"""The key that orders solutions, the best one first."""
 
 
 class Clock:

@@ -75,8 +75,8 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
             in_piece |= look_up(rig, pieces[c], c, points_world_m)[1]
     n_missed = missed.sum(axis=0)
     may_be_actor = in_piece & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
-    for most_missed in range(rig.n_cameras // 2 + 1):
-        limbs = may_be_actor & (n_missed <= most_missed)
+    for allowed in range(rig.n_cameras // 2 + 1):
+        limbs = may_be_actor & (n_missed <= allowed)
         drawn = [_drawn(rig, c, points_world_m[limbs & in_picture[c]]) for c in range(rig.n_cameras)]
         if np.count_nonzero(pieces & drawn) >= _EXPLAINED * np.count_nonzero(pieces):
             hidden = [_drawn(rig, c, points_world_m[limbs & missed[c]]) for c in range(rig.n_cameras)]

@@ -1,6 +1,6 @@
 """The body, the cameras and the backend."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,6 +8,7 @@ from functools import cached_property
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.colours import ColourPainter
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine
@@ -27,6 +28,13 @@ class Model:
     def aligner(self, settings: SearchSettings) -> Aligner:
         """The aligner of the body, with full meshes if the settings allow no level of detail."""
         return self._thinned if settings.detail_px > 0 else self._full
+
+    def without_cameras(
+        self, seen: TriPlanes, absent: Collection[int], settings: SearchSettings
+    ) -> tuple[Picture, SearchSettings]:
+        """A frame (P, H, W), and the settings for it, in which absent cameras count for nothing."""
+        picture = Picture.of_frame(self.rig, seen).without_cameras(absent)
+        return picture, settings.without_cameras(absent, self.rig.n_cameras)
 
     def counts_colours(self, picture: Picture, price: float) -> bool:
         """Whether pixels of a picture can have a wrong colour class that costs something."""

@@ -132,6 +132,10 @@ class SearchSettings(StrictModel):
         weights = tuple(self.camera_weights[c] for c in kept) if self.camera_weights else ()
         return self.model_copy(update={"camera_weights": weights})
 
+    def aligned_only(self) -> "SearchSettings":
+        """The same without a search of limbs, which takes several times as long as the rest."""
+        return self.model_copy(update={"search_limbs": "never"})
+
     def widened(self) -> "SearchSettings":
         """For a first pose, when the limbs may be anywhere."""
         wide = {"arm_grid": (9, 7, 3, 5), "leg_grid": (7, 5, 3, 7), "grid_step_rad": 0.3}

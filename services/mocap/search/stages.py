@@ -73,7 +73,8 @@ def prepare(
         drawn = stage.surfaces
         others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
         picture = picture.ignoring(others[0])
-    energy = energy_of(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
+    problem = Problem(pose, stage.dofs, drawn, picture, cost, detail_px)
+    energy = energy_of(model, problem)
     dofs, box = list(stage.dofs), Box(*stage.limits())
     start = np.clip(pose[dofs], box.lower, box.upper)
     if not priced:
@@ -81,9 +82,7 @@ def prepare(
     aligner = model.aligner(settings)
 
     def with_prices(values: Floats) -> Floats:
-        poses = np.tile(pose, (len(values), 1))
-        poses[:, dofs] = values
-        return np.asarray(energy.quick(values) + aligner.prices_px(poses, settings))
+        return np.asarray(energy.quick(values) + aligner.prices_px(problem.poses(values), settings))
 
     return replace(energy, quick=with_prices), start, box
 

@@ -10,7 +10,7 @@ from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import find_first_pose
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.found import BY_ENERGY, FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
@@ -78,9 +78,7 @@ class Tracker:
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
         """
-        rig = self._model.rig
-        picture = Picture.of_frame(rig, seen).without_cameras(absent)
-        settings = self._settings.without_cameras(absent, rig.n_cameras)
+        picture, settings = self._model.without_cameras(seen, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:
             starts = np.vstack([starts, known])
@@ -90,7 +88,7 @@ class Tracker:
                 self._model, picture, starts, by, self._limbs, self._trust, other, thorough=thorough
             )
 
-        solution = solved(settings.model_copy(update={"search_limbs": "never"}) if hurried else settings)
+        solution = solved(settings.aligned_only() if hurried else settings)
         if hurried and "torso" in solution.distrusted:  # perhaps because of its limbs
             solution = solved(settings)
         is_lost = "torso" in solution.distrusted
@@ -104,7 +102,7 @@ class Tracker:
                 return self._kept(solution, seen)
             log.info("the actor was found again after %d frames", self._lost_frames)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
-            solution, self._poses = min(found, key=lambda one: one.energy_px), []
+            solution, self._poses = min(found, key=BY_ENERGY), []
         self._poses = [*self._poses[-1:], solution.pose]
         self._lost_frames = self._tries = self._wait = 0
         return solution

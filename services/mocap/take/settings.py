@@ -89,8 +89,7 @@ class TakeFile(StrictModel):
             if offset < 0:
                 raise ValueError(
                     f"{camera}: expected 0 or more frames, found {offset}: add to all cameras as many as "
-                    "the one "
-                    "farthest behind needs"
+                    "the one farthest behind needs"
                 )
         return offsets
 

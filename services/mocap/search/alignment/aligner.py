@@ -12,7 +12,6 @@ solver for both was measured, and results of some takes became worse.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,16 +22,23 @@ from services.mocap.body.surface import Level, closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
-from services.mocap.energy.cpu.outline import mesh_of, scratch_for
+from services.mocap.energy.cpu.outline import prepared
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.contacts import Contacts
-from services.mocap.search.alignment.matching import OWN_REACH_PX, SHARES, input_of, room_for, views_of
+from services.mocap.search.alignment.matching import (
+    OWN_REACH_PX,
+    SHARES,
+    RimArrays,
+    input_of,
+    room_for,
+    views_of,
+)
 from services.mocap.search.alignment.pose_prices import PosePrices, contact_px, prices_px
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
 from services.mocap.search.settings import SearchSettings
-from services.mocap.types import Floats, Ints, Singles
+from services.mocap.types import Floats
 
 _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
 """Contours farther away than this count as outliers, in the first and in the last step."""
@@ -85,47 +91,16 @@ class Aligned:
     rim: SeenRim
 
 
-class _RimMesh(NamedTuple):
-    """Every segment's edges, the candidates for the rim, concatenated, in the segment's frame."""
-
-    planes: Singles
-    """(8, E): normal and offset (n, d) of the faces on both sides; n . x > d in front of a face."""
-    middles_m: Floats
-    """(3, E)"""
-    halves_m: Floats
-    """(3, E) from the middle to an end."""
-    outward: Floats
-    """(3, E) the sum of both faces' unit normals."""
-    starts: Ints
-    """(segments + 1,) where each segment's edges begin, and their number."""
-
-    @classmethod
-    def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "_RimMesh":
-        """The edges of a body, from each segment's coarsest thinned mesh with an error of at most most_m, or
-        its full mesh."""
-        ladders = thinned or [()] * len(body.surfaces)
-        levels = [_coarsest(body, s, ladder, most_m) for s, ladder in enumerate(ladders)]
-        pieces = [_edges(level) for level in levels]
-        starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
-        arrays = (np.ascontiguousarray(np.concatenate(column).T) for column in zip(*pieces, strict=True))
-        planes, middles_m, halves_m, outward = arrays
-        return cls(planes.astype(np.float32), middles_m, halves_m, outward, starts.astype(np.int32))
-
-
 class Aligner:
     """Aligns one body in one camera rig; only one thread at a time may call it."""
 
     def __init__(self, body: Body, rig: Rig, *, thinned: bool = True) -> None:
         """thinned: with levels of detail, which take about a second for a new body."""
-        levels = levels_of(body) if thinned else [[] for _ in ALL_SURFACES]
-        mesh = mesh_of(body, thinned)
         self._offsets_m, self._rig = body.offsets_m, rig
-        self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
+        self._mesh, (self._scratch,) = prepared(body, thinned)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
-        self._rims = (
-            (*_RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
-            (*_RimMesh.of(body),),
-        )
+        levels = levels_of(body) if thinned else ()
+        self._rims = _rim_of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)), _rim_of(body)
         self._contacts = Contacts.of(body)
         self._room = room_for(self._rims[-1])
 
@@ -153,16 +128,19 @@ class Aligner:
         pulling, seen = np.array([s for s in segments if s < N_RIGID], np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
         prices = PosePrices.of(self._contacts, self._rig, settings)
-        pose, _, _, _ = follow(
-            pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
-            (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, anchor, _LIMITS,
-            prices,
-        )  # fmt: skip
-        pose, anchor_cost, rim_px, places = follow(
-            pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
-            (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, anchor, _LIMITS,
-            prices,
-        )  # fmt: skip
+
+        def followed(
+            start: Floats, detail_px: float, rim: RimArrays, steps: Floats
+        ) -> tuple[Floats, float, Floats, Floats]:
+            return follow(
+                start, self._offsets_m, ALL_FRAMES, seen, drawing, detail_px,
+                (pulling, rim, views, self._room), steps, free, anchor, _LIMITS, prices,
+            )  # fmt: skip
+
+        pose, _, _, _ = followed(pose, settings.detail_px, coarse_rim, steps[:-_FINE_STEPS])
+        pose, anchor_cost, rim_px, places = followed(
+            pose, _FINE * settings.detail_px, fine_rim, steps[-_FINE_STEPS:]
+        )
         return Aligned(pose, anchor_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
@@ -190,6 +168,18 @@ def _anchor(expected: Floats, settings: SearchSettings) -> Floats:
     weights = settings.steadiness + rest
     likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)
     return np.stack([likely, weights, _LONGEST])
+
+
+def _rim_of(body: Body, ladders: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> RimArrays:
+    """The edges of a body, from each segment's coarsest thinned mesh with an error of at most most_m, or its
+    full mesh."""
+    ladders = ladders or [()] * len(body.surfaces)
+    pieces = [_edges(_coarsest(body, s, ladder, most_m)) for s, ladder in enumerate(ladders)]
+    starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
+    planes, middles_m, halves_m, outward = (
+        np.ascontiguousarray(np.concatenate(column).T) for column in zip(*pieces, strict=True)
+    )
+    return planes.astype(np.float32), middles_m, halves_m, outward, starts.astype(np.int32)
 
 
 def _coarsest(body: Body, surface: int, ladder: Sequence[Level], most_m: float) -> Level:

@@ -17,7 +17,10 @@ from services.mocap.search.alignment.twists import TWIST_SIZE
 from services.mocap.types import Bytes, Floats, Indices, Ints, Singles
 
 RimArrays: TypeAlias = tuple[Singles, Floats, Floats, Floats, Ints]
-"""The aligner's mesh of a rim as a plain tuple."""
+"""Every segment's E edges, the candidates for the rim, concatenated, in the segment's frame: normal and
+offset (n, d) of the faces on both sides (8, E), where n . x > d in front of a face; the middles (3, E) in
+metres; from there to an end (3, E); the sum of both faces' unit normals (3, E); and where each segment's
+edges begin, and their number (segments + 1,)."""
 Views: TypeAlias = tuple[Floats, Floats, Floats, Ints]
 """Projections (C, 3, 4), centres in the world (C, 3), weights (C,) and the pictures' sizes (C, 2)."""
 Input: TypeAlias = tuple[Bytes, Bytes, Ints]
