@@ -209,6 +209,19 @@ def test_hanging_arms() -> None:
         np.testing.assert_allclose(wrist[:2], shoulder[:2], atol=1e-12)
 
 
+def test_hands_reach_behind_the_head_within_the_limits() -> None:
+    """As before a throw with both hands: elbows ahead of the face, hands behind the head."""
+    arm = {"shoulder_elevation": 60, "shoulder_forward": 30, "shoulder_twist": 135, "elbow_flexion": 120}
+    pose_deg = {f"{side}_{name}": value for side in ("left", "right") for name, value in arm.items()}
+    for name, value in pose_deg.items():
+        assert LOWER[DOF_INDEX[name]] <= np.radians(value) <= UPPER[DOF_INDEX[name]]
+    at = posed(**pose_deg)
+    for side in ("left", "right"):
+        assert at[f"{side}_elbow"][0] > at["neck"][0] + 0.1
+        assert at[f"{side}_wrist"][0] < at["neck"][0] - 0.1
+        assert at[f"{side}_wrist"][2] > at["neck"][2] + 0.1
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 class TestSigns:
     """A parameter means the same movement on both sides: `outwards` is +y on the left."""
