@@ -202,13 +202,6 @@ def _settle(birth: Birth, server: int) -> None:
     sys.argv = [birth.module, *birth.arguments]
 
 
-if __name__ == "__main__":
-    # Python 3.12 and later warn of threads; linear-algebra threads, if there are any, support forking.
-    warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
-    with suppress(EOFError, ConnectionError):
-        serve(Connection(int(sys.argv[1])), sys.argv[2:])
-
-
 def last_line(log_path: Path) -> str:
     """The last line of a log."""
     lines = lines_of(log_path)
@@ -218,3 +211,10 @@ def last_line(log_path: Path) -> str:
 def lines_of(log_path: Path) -> list[str]:
     """The lines of a log that are not blank."""
     return [line for line in log_path.read_text(errors="replace").splitlines() if line.strip()]
+
+
+if __name__ == "__main__":
+    # Python 3.12 and later warn of threads; linear-algebra threads, if there are any, support forking.
+    warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
+    with suppress(EOFError, ConnectionError):
+        serve(Connection(int(sys.argv[1])), sys.argv[2:])
