@@ -141,8 +141,8 @@ UPPER_ARM = SegmentRow(
     parameters=(
         Parameter("shoulder_elevation", "swing", _X, -115.0, 100.0),
         Parameter("shoulder_forward", "swing", _DOWN, -70.0, 140.0),
-        # With the shoulder blade: hands on the head take 130 to 150, pitchers 170 (Fleisig et al., Journal of
-        # Applied Biomechanics 12, 1996).
+        # Outward by 150 degrees, to which the shoulder blade adds its part: hands on the head need 130 and
+        # more, a pitcher 170 (Fleisig et al., Journal of Applied Biomechanics 12, 1996).
         Parameter("shoulder_twist", "twist", _RIGHT, -100.0, 150.0, rest=0.1),
     ),
     angles=(

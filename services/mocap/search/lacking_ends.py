@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from services.mocap.body.skeleton import SEGMENT_NAMES, SEGMENT_PARENTS, bare
+from services.mocap.body.skeleton import SEGMENT_NAMES, bare
 from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
@@ -13,17 +13,13 @@ from services.mocap.types import Floats
 
 _IN_WORDS = {"hand": "hands", "foot": "feet", "head": "head"}
 ENDS: dict[str, tuple[int, ...]] = {
-    words: tuple(
-        s
-        for s, name in enumerate(SEGMENT_NAMES)
-        if bare(name) == end and name not in SEGMENT_PARENTS.values()
-    )
+    words: tuple(s for s, name in enumerate(SEGMENT_NAMES) if bare(name) == end)
     for end, words in _IN_WORDS.items()
 }
-"""What is judged, in words, and its segments: those that no other segment follows."""
+"""What is judged, in words, and its segments."""
 _LACKING_SHARE = 0.5
-"""Of the pixels that an end covers alone, outside of the rest of the body. Where ends are shown, at most 0.3
-of them are missing: the rim, in pictures of 320x240 (40 cameras of six takes)."""
+"""Of the pixels that only an end covers, and no other segment. Of ends that the silhouettes show, at most 0.3
+of these pixels are missing, along the rim (40 cameras of six takes, pictures of 320x240)."""
 LACKING_REMEDY = (
     "look at them (xormocap segment); gloves, shoes or hair in the colour of the background explain it, or a "
     "picture's edge"

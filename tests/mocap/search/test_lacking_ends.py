@@ -5,12 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from services.mocap.body.skeleton import bare
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.search.lacking_ends import ENDS, lacking_ends, lacking_in_words
 from services.mocap.search.model import Model
-from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats, Mask
 
 NAMES = [f"cam{c + 1:02d}" for c in range(8)]
@@ -39,7 +37,6 @@ def frames(masks: Mask, unsure: Bytes | None = None) -> TriPlanes:
 
 def test_every_end_has_segments() -> None:
     assert {end: len(segments) for end, segments in ENDS.items()} == {"hands": 2, "feet": 2, "head": 1}
-    assert "head" in PARTS and bare("left_hand") == "hand"
 
 
 def test_what_is_cut_off_is_named(
