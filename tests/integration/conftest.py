@@ -32,10 +32,10 @@ def lasting_servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lastin
         yield servers
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def shared_imports(lasting_servers: LastingServers) -> Iterator[None]:
     """Runs in this process share what has imported the services; those of commands that are processes do
-    not."""
+    not. Not for the session: other folders' tests may follow in this process."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("services.runs.launcher.ForkServer", lasting_servers)
         yield
