@@ -10,15 +10,20 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.result.layout import KNOWN, RUN_JSON, partial_of
-from services.mocap.take.journal import JOURNAL
+from services.mocap.result.layout import KNOWN, RUN_JSON, journal_of, partial_of
+from services.mocap.take.journal import JOURNAL, check_unused
 
 _OLD = ".old"
 
 
 def check_out(folder: Path) -> None:
-    """Raise UserError unless a folder does not exist yet or contains only results."""
-    folder = folder.resolve()
+    """Raise UserError unless a folder does not exist yet or contains only results, which no other run is
+    writing."""
+    _check_content(folder.resolve())
+    check_unused(journal_of(folder))
+
+
+def _check_content(folder: Path) -> None:
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not existing.is_dir():
         raise UserError(f"{existing}: is a file: expected a folder for the results")
@@ -53,7 +58,7 @@ def results_into(out: Path, complete: bool) -> Iterator[Path]:
     out = out.resolve()
     if not complete and (out / RUN_JSON).exists():
         out = partial_of(out)
-    check_out(out)
+    _check_content(out)
     fresh = out.with_name(f".{out.name}.{secrets.token_hex(4)}.new")
     with atomic_folder(fresh) as part:
         yield part

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from services.mocap.result.layout import journal_of
+from services.mocap.take.journal import Journal
+
 Damage = Callable[[Path], None]
 Refused = Callable[..., str]
 
@@ -88,6 +91,17 @@ def test_an_endpoint_that_is_no_address_is_refused_at_once(synthetic_take: Path,
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert done.stderr.startswith("here: expected an address such as tcp://")
     assert not (tmp_path / "out").exists()
+
+
+def test_results_that_another_run_writes_are_refused_before_the_fit(
+    synthetic_take: Path, refused: Refused, tmp_path: Path
+) -> None:
+    journal = Journal(journal_of(tmp_path / "out"))
+    journal.append([b"a frame of the other run"])
+    said = refused("track", synthetic_take, "--out", tmp_path / "out")
+    assert said == f"{journal.path}: another recorder is writing it: choose another folder for --out"
+    assert len(list(journal.records())) == 1
+    journal.close()
 
 
 @pytest.mark.parametrize(

@@ -48,12 +48,10 @@ class Journal:
                 f"{path}: cannot be written ({problem.strerror}): choose another folder"
             ) from None
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+            _lock(self._file, path)
+        except UserError:
             os.close(self._file)
-            raise UserError(
-                f"{path}: another recorder is writing it: choose another folder for --out"
-            ) from None
+            raise
         size, self._end = os.fstat(self._file).st_size, FIRST
         for _, _, end in records(self._file, path):
             self._end = end
@@ -111,6 +109,20 @@ class Journal:
             with suppress(OSError):
                 self.path.parent.rmdir()
         os.close(self._file)
+
+
+def check_unused(path: Path) -> None:
+    """Raise UserError if a process writes this journal, which need not exist."""
+    if path.exists():
+        with path.open("rb") as file:
+            _lock(file.fileno(), path)
+
+
+def _lock(file: int, path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise UserError(f"{path}: another recorder is writing it: choose another folder for --out") from None
 
 
 def records(file: int, path: Path, offset: int = FIRST) -> Iterator[tuple[int, list[bytes], int]]:
