@@ -107,6 +107,13 @@ def main() -> None:
         _fail(str(error), 1)
     except Interrupted as stopped:
         _fail(str(stopped), _EXIT_INTERRUPTED)
+    except SystemError as error:  # where a signal's handler raised in compiled code: caused by what it raised
+        stop: BaseException | None = error
+        while isinstance(stop, SystemError):
+            stop = stop.__cause__
+        if not isinstance(stop, KeyboardInterrupt | SystemExit):
+            raise
+        sys.exit(stop.code if isinstance(stop, SystemExit) else _EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

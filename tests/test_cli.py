@@ -13,7 +13,7 @@ import typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from services.cli import _MODULES, app
+from services.cli import _MODULES, app, main
 from services.runs.launcher import free_endpoint
 
 
@@ -60,6 +60,25 @@ def test_warnings_of_libraries_are_told_only_on_demand(flags: tuple[str, ...], i
     )
     done = subprocess.run([sys.executable, *flags, "-c", code], capture_output=True, text=True, check=True)
     assert ("of a library" in done.stderr) is is_told
+
+
+@pytest.mark.parametrize(("raised", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143)])
+def test_a_signal_that_compiled_code_turns_into_an_error_ends_the_command_quietly(
+    monkeypatch: pytest.MonkeyPatch, raised: BaseException, code: int
+) -> None:
+    """As Numba does where the signal comes while it makes the results of a compiled function."""
+
+    def command() -> None:
+        try:
+            raise SystemError("unpickle returned a result with an exception set") from raised
+        except SystemError as error:
+            raise SystemError("follow returned a result with an exception set") from error
+
+    monkeypatch.setattr("services.cli.app", command)
+    monkeypatch.setattr("services.cli.signal.signal", lambda *_: None)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == code
 
 
 def test_output_that_is_redirected_has_whole_lines() -> None:

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
+from services.mocap.calibration.lost_frames import LostFrames, find_lost_frames
 from services.mocap.calibration.time_offsets import STEP, TimeOffsets, find_offsets
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
@@ -48,8 +49,24 @@ def sync(
     found = find_offsets(cameras, outlines, reach)
     is_sure = found.confidence >= _LEAST_CONFIDENCE
     stdout.print(_table(opened, found, is_sure))
+    _refuse_lost_frames(opened, find_lost_frames(cameras, outlines, found.offsets))
     if not _in_step(stated, found, is_sure) and write:
         _write(opened, found)
+
+
+def _refuse_lost_frames(take: Take, lost: LostFrames | None) -> None:
+    """Raise TakeError, with what mends the video or the silhouettes, if frames were lost in one of them."""
+    if lost is None:
+        return
+    name, n, place = take.cameras[lost.camera].name, abs(lost.n_lost), lost.first_after
+    shown = take.videos[name] if take.source == "videos" else layout.silhouette_folder(take.folder, name)
+    mends = f"loop={n}:1:{place}" if lost.n_lost > 0 else f"select='not(between(n,{place},{place + n - 1}))'"
+    remedy = (
+        f'ffmpeg -i {shown} -vf "{mends},setpts=N/FR/TB" -crf 12 NEW.mp4 makes one that is in step'
+        if take.source == "videos"
+        else "number its pictures anew"
+    )
+    raise TakeError(f"{shown}: {lost}, which no offset mends: {remedy}: nothing is written")
 
 
 def _in_step(take: Take, found: TimeOffsets, is_sure: Mask) -> bool:

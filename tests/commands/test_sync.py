@@ -1,5 +1,6 @@
 """`xormocap sync` and `calibrate --check` on a synthetic take with silhouettes of its own."""
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,11 +12,13 @@ import pytest
 
 from services.commands.calibrate.check import check_take
 from services.commands.sync import sync
+from services.mocap.calibration.mistakes import mistakes_in
 from services.mocap.camera.calibration import read_calibration, write_calibration
 from services.mocap.errors import TakeError, UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.mocap.take.settings import read_take_file
+from services.runs.outlines import outlines_of
 
 FRAMES, N_CAMERAS = 60, 5
 AHEAD = {"cam01": 4, "cam02": 0, "cam03": 10, "cam04": 7, "cam05": 1}
@@ -75,6 +78,36 @@ def test_a_take_in_step_stays_as_it_is(take: Path, capsys: pytest.CaptureFixture
     sync(take, reach=10, write=True)
     assert "walk: 5 cameras are in step, to half a frame: nothing needs to be done" in capsys.readouterr().out
     assert (take / "take.toml").read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("shown", "said"),
+    [
+        ([*range(30), *range(31, FRAMES)], "1 frame missing"),
+        ([*range(30), *range(33, FRAMES)], "3 frames missing"),
+        ([*range(30), 29, *range(30, FRAMES - 1)], "1 frame too many"),
+    ],
+)
+def test_frames_lost_on_the_way_are_told_and_no_offset_is_written(
+    take: Path, shown: list[int], said: str
+) -> None:
+    folder = take / "silhouettes" / "cam03"
+    moments = [(folder / f"{n:06d}.png").read_bytes() for n in shown]
+    shutil.rmtree(folder)
+    folder.mkdir()
+    for n, moment in enumerate(moments):
+        (folder / f"{n:06d}.png").write_bytes(moment)
+    text = (take / "take.toml").read_text().replace(f"frames = {FRAMES}", f"frames = {len(shown)}")
+    (take / "take.toml").write_text(text)
+    with pytest.raises(TakeError) as refused:
+        sync(take, reach=10, write=True)
+    told = re.search(rf"silhouettes/cam03: {said} at about frame (\d+), which no", str(refused.value))
+    assert told is not None and abs(int(told[1]) - 30) <= 2, refused.value
+    assert (take / "take.toml").read_text() == text
+    opened = open_take(take)
+    cameras, outlines, _ = outlines_of(opened, range(len(shown)), lambda _: None)
+    (mistake,) = mistakes_in(cameras, outlines, opened.settings.up, take, range(len(shown)))
+    assert (mistake.file, mistake.what) == ("cam03", f"has {said} at about frame {told[1]}")
 
 
 def hide_the_actor_from(take: Path, camera: str) -> None:

@@ -69,6 +69,10 @@ class Touches:
     px_per_rad: float
     """How far apart in the pictures planes are near the actor."""
 
+    def reversed(self) -> "Touches":
+        """The same pair with its second camera first."""
+        return Touches(self.second, self.first, self.angles_second, self.angles_first, self.px_per_rad)
+
     def off_px(self, later: float) -> Floats:
         """(F, 2) difference of both angles if the second camera's frames are this much later.
 

@@ -18,6 +18,7 @@ from services.mocap.calibration.epipolar_tangents import (
     likely_mistake,
     touches_of,
 )
+from services.mocap.calibration.lost_frames import find_lost_frames
 from services.mocap.calibration.time_offsets import find_offsets
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
@@ -204,8 +205,13 @@ def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
 
 
 def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) -> Iterator[Mistake]:
-    """Cameras that agree better some frames later or earlier."""
+    """Cameras that agree better some frames later or earlier, from the first frame or from a later one on."""
     found = find_offsets(cameras, outlines, _REACH)
+    lost = find_lost_frames(cameras, outlines, found.offsets)
+    if lost is not None:
+        remedy = f"run xormocap sync {take}, which tells what mends it"
+        yield Mistake(cameras[lost.camera].name, f"has {lost}", remedy, is_out_of_step=True)
+        return
     usual = float(np.median(found.offsets))
     for c, camera in enumerate(cameras):
         ahead = float(found.offsets[c]) - usual

@@ -10,7 +10,7 @@ from services.mocap.types import Floats
 
 STEP = 0.5
 """Resolution of the offsets, in frames."""
-_CAP_PX_PER_WIDTH = 0.04
+CAP_PX_PER_WIDTH = 0.04
 """Frames that are off by more than this share of the width, by errors of segmentation, are capped at it."""
 _FEWEST_FRAMES = 8
 _ROUNDS = 20
@@ -42,7 +42,7 @@ def find_offsets(
     pairs, n_cameras = touches_of(cameras, outlines), len(cameras)
     width_px = float(np.median([camera.width_px for camera in cameras]))
     later = np.arange(-2 * reach, 2 * reach + STEP / 2, STEP)  # of two cameras, each off by up to `reach`
-    costs = {(p.first, p.second): _costs(p, later, _CAP_PX_PER_WIDTH * width_px) for p in pairs}
+    costs = {(p.first, p.second): _costs(p, later, CAP_PX_PER_WIDTH * width_px) for p in pairs}
     costs = {pair: cost for pair, cost in costs.items() if np.isfinite(cost).any()}
     offsets = _first_guess(costs, later, n_cameras, reach)
     for _ in range(_ROUNDS):
