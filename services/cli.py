@@ -107,7 +107,7 @@ def main() -> None:
         _fail(str(error), 1)
     except Interrupted as stopped:
         _fail(str(stopped), _EXIT_INTERRUPTED)
-    except SystemError as error:  # where a signal's handler raised in compiled code: caused by what it raised
+    except SystemError as error:  # compiled code wraps what the handler of a signal raises
         stop: BaseException | None = error
         while isinstance(stop, SystemError):
             stop = stop.__cause__

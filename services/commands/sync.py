@@ -2,6 +2,7 @@
 take.toml."""
 
 import re
+from shlex import quote
 from typing import Annotated
 
 import numpy as np
@@ -49,24 +50,34 @@ def sync(
     found = find_offsets(cameras, outlines, reach)
     is_sure = found.confidence >= _LEAST_CONFIDENCE
     stdout.print(_table(opened, found, is_sure))
-    _refuse_lost_frames(opened, find_lost_frames(cameras, outlines, found.offsets))
+    lost = find_lost_frames(cameras, outlines, found.offsets)
+    if lost is not None:
+        raise TakeError(told_of(lost, opened))
     if not _in_step(stated, found, is_sure) and write:
         _write(opened, found)
 
 
-def _refuse_lost_frames(take: Take, lost: LostFrames | None) -> None:
-    """Raise TakeError, with what mends the video or the silhouettes, if frames were lost in one of them."""
-    if lost is None:
-        return
-    name, n, place = take.cameras[lost.camera].name, abs(lost.n_lost), lost.first_after
-    shown = take.videos[name] if take.source == "videos" else layout.silhouette_folder(take.folder, name)
-    mends = f"loop={n}:1:{place}" if lost.n_lost > 0 else f"select='not(between(n,{place},{place + n - 1}))'"
-    remedy = (
-        f'ffmpeg -i {shown} -vf "{mends},setpts=N/FR/TB" -crf 12 NEW.mp4 makes one that is in step'
-        if take.source == "videos"
-        else "number its pictures anew"
+def told_of(lost: LostFrames, take: Take) -> str:
+    """What is wrong with a camera's recording, and what mends it."""
+    name, first, last = take.cameras[lost.camera].name, lost.first_after, lost.first_after - lost.n_lost - 1
+    if take.source == "videos":
+        recording = take.videos[name]
+        mend = (
+            f"loop={lost.n_lost}:1:{first}" if lost.n_lost > 0 else f"select='not(between(n,{first},{last}))'"
+        )
+        filters = f'"{mend},setpts=N/FR/TB"'
+        remedy = f"make another video by ffmpeg -i {quote(str(recording))} -vf {filters} -crf 12 NEW.mp4"
+    else:
+        recording = layout.silhouette_folder(take.folder, name)
+        remedy = (
+            f"add {lost.n_lost} to the numbers of its pictures from {first} on, and copy the one before"
+            if lost.n_lost > 0
+            else f"remove its pictures {first} to {last}, and number those after them anew"
+        )
+    return (
+        f"{recording}: {lost} at about frame {first}, or the camera was moved then; no offset mends this, "
+        f"and nothing is written: {remedy}, then run sync again"
     )
-    raise TakeError(f"{shown}: {lost}, which no offset mends: {remedy}: nothing is written")
 
 
 def _in_step(take: Take, found: TimeOffsets, is_sure: Mask) -> bool:

@@ -17,8 +17,8 @@ _OLD = ".old"
 
 
 def check_out(folder: Path) -> None:
-    """Raise UserError unless a folder does not exist yet or contains only results, which no other run is
-    writing."""
+    """Raise UserError if a folder cannot hold results, holds other files, or if a recorder writes its
+    results now."""
     _check_content(folder.resolve())
     check_unused(journal_of(folder))
 

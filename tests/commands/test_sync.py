@@ -5,18 +5,21 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
 from services.commands.calibrate.check import check_take
-from services.commands.sync import sync
+from services.commands.sync import sync, told_of
+from services.mocap.calibration.lost_frames import LostFrames, find_lost_frames
 from services.mocap.calibration.mistakes import mistakes_in
 from services.mocap.camera.calibration import read_calibration, write_calibration
 from services.mocap.errors import TakeError, UserError
 from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.folder import open_take
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_take_file
 from services.runs.outlines import outlines_of
 
@@ -101,13 +104,35 @@ def test_frames_lost_on_the_way_are_told_and_no_offset_is_written(
     (take / "take.toml").write_text(text)
     with pytest.raises(TakeError) as refused:
         sync(take, reach=10, write=True)
-    told = re.search(rf"silhouettes/cam03: {said} at about frame (\d+), which no", str(refused.value))
+    told = re.search(rf"silhouettes/cam03: {said} at about frame (\d+), or", str(refused.value))
     assert told is not None and abs(int(told[1]) - 30) <= 2, refused.value
     assert (take / "take.toml").read_text() == text
+    opened, frames = open_take(take), range(10, len(shown))
+    cameras, outlines, _ = outlines_of(opened, frames, lambda _: None)
+    (mistake,) = mistakes_in(cameras, outlines, opened.settings.up, take, frames)
+    assert mistake.file == "cam03"
+    assert mistake.what == f"has {said} at about frame {told[1]}, or was moved then"
+
+
+def test_of_two_cameras_neither_is_said_to_have_lost_frames(take: Path) -> None:
     opened = open_take(take)
-    cameras, outlines, _ = outlines_of(opened, range(len(shown)), lambda _: None)
-    (mistake,) = mistakes_in(cameras, outlines, opened.settings.up, take, range(len(shown)))
-    assert (mistake.file, mistake.what) == ("cam03", f"has {said} at about frame {told[1]}")
+    cameras, outlines, _ = outlines_of(opened, range(FRAMES), lambda _: None)
+    outlines[1] = [*outlines[1][:30], *outlines[1][32:], None, None]
+    in_step = np.zeros(N_CAMERAS)
+    found = find_lost_frames(cameras[:3], outlines[:3], in_step[:3])
+    assert found is not None
+    assert (found.camera, str(found)) == (1, "2 frames missing")
+    assert find_lost_frames(cameras[:2], outlines[:2], in_step[:2]) is None
+
+
+def test_a_video_that_lost_frames_is_mended_by_a_command() -> None:
+    """The frames that ffmpeg's filters repeat and drop were looked at in a video (ffmpeg 5.1)."""
+    take = cast(
+        Take, SimpleNamespace(cameras=[SimpleNamespace(name="a")], source="videos", videos={"a": "a b.mp4"})
+    )
+    for n_lost, filters in ((2, "loop=2:1:30"), (-2, "select='not(between(n,30,31))'")):
+        said = told_of(LostFrames(0, n_lost, 30, 0.5), take)
+        assert f"ffmpeg -i 'a b.mp4' -vf \"{filters},setpts=N/FR/TB\" -crf 12 NEW.mp4" in said
 
 
 def hide_the_actor_from(take: Path, camera: str) -> None:

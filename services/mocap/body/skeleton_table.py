@@ -24,9 +24,10 @@ of the heights of trochanter, epicondyle and malleolus in the survey.
 The waist stands for the lumbar and the thoracic spine. Young adults flex the lumbar spine by 73, extend it by
 29 and bend it sideways by 28 degrees (Troke et al. 2005, Manual Therapy 10, 198-206); the thoracic spine adds
 to the bending and does nearly all the turning (White and Panjabi 1990, Clinical Biomechanics of the Spine).
-In motions of 30 people (recorded at Carnegie Mellon University, or learnt from such recordings) shoulders
-lean by up to 46 degrees against hips, and thighs are spread by up to 94 and turned by up to 69 degrees. A
-lunge bends a loaded ankle by about 40 degrees (Konor et al. 2012, Int. J. Sports Physical Therapy 7(3)).
+In motions of 30 people, recorded at Carnegie Mellon University or made by a model that learnt from such
+recordings, shoulders lean by up to 46 degrees against hips, and thighs are spread by up to 94 and turned by
+up to 69 degrees; the limits leave out the last few. A lunge bends a loaded ankle by about 40 degrees (Konor
+et al. 2012, Int. J. Sports Physical Therapy 7(3)).
 Windows are those of Theobalt et al. 2003, section 4.2. In the T pose an arm's width is its height, palms
 down, and the depth of a hand its thickness; a foot runs from heel to toes, its depth from sole to instep.
 """

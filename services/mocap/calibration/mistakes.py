@@ -128,7 +128,7 @@ def mistakes_in(
         certain = next(_undone(cameras, few, found, up), None)
         if certain is not None:
             return [certain]
-    late = list(_out_of_step(cameras, outlines, take))
+    late = list(_out_of_step(cameras, outlines, take, frames))
     # A late camera alone disagrees from the first movement on; a change makes the others disagree as well.
     in_step = [c for c, camera in enumerate(cameras) if camera.name not in {mistake.file for mistake in late}]
     others = tuple(cameras[c] for c in in_step)
@@ -136,7 +136,7 @@ def mistakes_in(
     if change is None:
         return late or list(_disagreeing(cameras, found, take))
     before = [of_camera[:change] for of_camera in outlines]  # what changed is no sign of a late camera
-    return [_of_change(frames, frames[change]), *_out_of_step(cameras, before, take)]
+    return [_of_change(frames, frames[change]), *_out_of_step(cameras, before, take, frames)]
 
 
 def _undone(
@@ -204,19 +204,25 @@ def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
     return not found.odd and bool(np.isfinite(found.off_px).all())
 
 
-def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) -> Iterator[Mistake]:
+def _out_of_step(
+    cameras: tuple[Camera, ...], outlines: Outlines, take: Path, frames: range
+) -> Iterator[Mistake]:
     """Cameras that agree better some frames later or earlier, from the first frame or from a later one on."""
     found = find_offsets(cameras, outlines, _REACH)
     lost = find_lost_frames(cameras, outlines, found.offsets)
     if lost is not None:
-        remedy = f"run xormocap sync {take}, which tells what mends it"
-        yield Mistake(cameras[lost.camera].name, f"has {lost}", remedy, is_out_of_step=True)
-        return
+        yield Mistake(
+            cameras[lost.camera].name,
+            f"has {lost} at about frame {frames[lost.first_after]}, or was moved then",
+            f"run xormocap sync {take}, which tells how to mend it",
+            is_out_of_step=True,
+        )
     usual = float(np.median(found.offsets))
     for c, camera in enumerate(cameras):
         ahead = float(found.offsets[c]) - usual
         is_better = found.off_px[c] * _BETTER < found.off_before_px[c]
-        if abs(ahead) >= _LEAST_LATE and found.confidence[c] >= _LEAST_SURE and is_better:
+        is_late = abs(ahead) >= _LEAST_LATE and found.confidence[c] >= _LEAST_SURE and is_better
+        if is_late and (lost is None or c != lost.camera):
             yield Mistake(
                 camera.name,
                 f"is out of step by about {abs(ahead):.0f} frames: it agrees with the other cameras "

@@ -48,8 +48,8 @@ class Journal:
                 f"{path}: cannot be written ({problem.strerror}): choose another folder"
             ) from None
         try:
-            _lock(self._file, path)
-        except UserError:
+            _lock(self._file, fcntl.LOCK_EX, path)
+        except BaseException:
             os.close(self._file)
             raise
         size, self._end = os.fstat(self._file).st_size, FIRST
@@ -112,16 +112,21 @@ class Journal:
 
 
 def check_unused(path: Path) -> None:
-    """Raise UserError if a process writes this journal, which need not exist."""
-    if path.exists():
-        with path.open("rb") as file:
-            _lock(file.fileno(), path)
-
-
-def _lock(file: int, path: Path) -> None:
+    """Raise UserError if a process writes this journal, which need not exist, or if it cannot be read."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+        with path.open("rb") as file:
+            _lock(file.fileno(), fcntl.LOCK_SH, path)
+    except FileNotFoundError:
+        return
+    except OSError as problem:
+        raise UserError(f"{path}: cannot be read ({problem.strerror}): choose another folder") from None
+
+
+def _lock(file: int, kind: int, path: Path) -> None:
+    """Lock an open file at once; kind: fcntl.LOCK_EX, which needs a file open for writing, or LOCK_SH."""
+    try:
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
         raise UserError(f"{path}: another recorder is writing it: choose another folder for --out") from None
 
 
