@@ -15,7 +15,7 @@ from services.mocap.types import Floats
 _REACH = 5
 """Offsets up to this many frames, in half frames, are tried before and after the place."""
 _FEWEST_FRAMES = 12
-"""At least so many frames with the actor, at all these offsets, lie before the place, and so many after."""
+"""On either side of the place; counted are frames that show the actor at all these offsets."""
 _NEAR_FRAMES = 60
 """The gain is measured over this many frames before the place and after it, as in a long take it would be a
 small share of all errors."""
@@ -23,7 +23,7 @@ _FEWEST_PAIRS = 2
 """With one other camera alone it is not known which of both lacks frames."""
 _LEAST_GAIN = 0.25
 """Cameras without such a place gain at most 0.17 (15 people, whole takes and parts of 60 frames); a lost
-frame gains 0.2 to 0.7 where the actor moves before it and after it."""
+frame gains 0.2 to 0.8 where the actor moves before it and after it."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ class Journal:
             ) from None
         try:
             _lock(self._file, fcntl.LOCK_EX, path)
-        except BaseException:
+        except UserError:
             os.close(self._file)
             raise
         size, self._end = os.fstat(self._file).st_size, FIRST
@@ -128,6 +128,8 @@ def _lock(file: int, kind: int, path: Path) -> None:
         fcntl.flock(file, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         raise UserError(f"{path}: another recorder is writing it: choose another folder for --out") from None
+    except OSError as problem:
+        raise UserError(f"{path}: cannot be locked ({problem.strerror}): choose another folder") from None
 
 
 def records(file: int, path: Path, offset: int = FIRST) -> Iterator[tuple[int, list[bytes], int]]:
