@@ -70,8 +70,8 @@ def told_of(lost: LostFrames, take: Take) -> str:
     else:
         recording = layout.silhouette_folder(take.folder, name)
         remedy = (
-            f"add {lost.n_lost} to the numbers of its pictures from {first} on, and fill the gap with copies of "
-            "the one before"
+            f"add {lost.n_lost} to the numbers of its pictures from {first} on, and fill the gap with copies "
+            "of the one before"
             if lost.n_lost > 0
             else f"remove its pictures {first} to {last}, and number those after them anew"
         )
