@@ -19,9 +19,11 @@ from services.library import (
     track,
     write_result,
 )
+from services.mocap.body.actor import build_body
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
+from services.mocap.take.tables import read_joints_csv, reference_joints
 from services.runs.take_fit import TakeFit
 
 _ONE_WAY = SearchSettings(both_ways=False)
@@ -99,7 +101,12 @@ def test_an_actor_is_fitted_again_where_it_was_tracked(take: Take, tracked: Path
     found = refine(take, tracked, n_frames=3)
     assert found.frames == (14, 16, 19)
     assert found.actor.height == pytest.approx(take.settings.actor_height, rel=0.01)
-    assert found.fit.after.energy_px.sum() <= found.fit.before.energy_px.sum()
+    reference = read_joints_csv(take.folder / "reference" / "joints.csv").joints_take_m
+    joints_take_m = reference_joints(found.fit.poses, build_body(found.actor).offsets_m)
+    off_mm = 1000.0 * np.linalg.norm(joints_take_m - reference[list(found.frames)], axis=2)
+    assert off_mm.mean() < 15.0
+    energies_px = [quality.energy_px.sum() for quality in (found.fit.before, found.fit.after)]
+    assert energies_px[1] == pytest.approx(energies_px[0], rel=0.01)  # the run had the very body
     with pytest.raises(UserError, match="expected at least 2 with --refine"):
         refine(take, tracked, n_frames=1)
 
