@@ -1,17 +1,19 @@
 """Colour classes: what each part of an actor looks like in each camera, learnt from a tracked take.
 
 Every quarter of every segment has a histogram of the colours that it shows in each camera. Pieces with
-similar histograms make one class: skin, hair, shirt, trousers, shoes. A pixel of the actor then has the class
-whose colours are clearly likelier than the others', or none.
+similar histograms make one class: skin, hair, shirt, trousers, shoes. Classes that look too much alike are
+merged. A pixel of the actor then has the class whose colours are clearly likelier than the others', or none.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.special import rel_entr
 
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.take.fit_record import COLOUR_BINS
@@ -85,12 +87,14 @@ class ColourLearner:
         if len(known) < 2:
             return None
         counts = self._counts[:, known].astype(np.float32)
-        groups = _grouped(np.array([[_smoothed(piece) for piece in camera] for camera in counts]))
+        smooth = gaussian_filter(counts.reshape(*counts.shape[:2], *COLOUR_BINS), (0, 0, *_SMOOTH_BINS))
+        smooth = smooth.reshape(counts.shape)
         classes: Ints = np.zeros(len(known), np.int32)
-        for number, group in enumerate(groups, 1):
+        for number, group in enumerate(_merged(_grouped(_densities(smooth)), counts, smooth), 1):
             classes[group] = number
         for _ in range(_ROUNDS):
-            tables = self._tables(counts, classes)
+            numbers = np.unique(classes[classes > 0])
+            tables = np.concatenate([[0], numbers])[_clear(_sums(smooth, [classes == k for k in numbers]))]
             classes = _sorted_into(counts, tables)
             if len(np.unique(classes[classes > 0])) < 2:
                 return None
@@ -102,27 +106,29 @@ class ColourLearner:
             for s, name in reversed(list(enumerate(COLOURED)))
             if of_surfaces[s].any()
         }
+        tables = tables.astype(np.uint8).reshape(-1, *COLOUR_BINS)
         return ColourClasses(dict(sorted(colours.items())), tables)
 
-    def _tables(self, counts: Singles, classes: Ints) -> Bytes:
-        """(C, *COLOUR_BINS) from counts (C, K, bins) of pieces with classes (K,), 0 for none."""
-        numbers = np.unique(classes[classes > 0])
-        tables = np.zeros((len(counts), counts.shape[2]), np.uint8)
-        for of_camera, table in zip(counts, tables, strict=True):
-            density = np.array([_smoothed(of_camera[classes == k].sum(axis=0)) for k in numbers])
-            best = density.argmax(axis=0)
-            ranked = np.sort(density, axis=0)
-            clear = ranked[-1] > _LEAST_DENSITY
-            if len(numbers) > 1:
-                clear &= ranked[-1] > _CLEARLY * ranked[-2]
-            table[clear] = numbers[best[clear]]
-        return tables.reshape(-1, *COLOUR_BINS)
+
+def _densities(counts: Singles) -> Singles:
+    """Histograms (…, bins) as densities; zero where nothing was counted."""
+    return np.asarray(counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1e-9), np.float32)
 
 
-def _smoothed(counts: Singles) -> Singles:
-    """A histogram (bins,) as a smooth density; zero where nothing was counted."""
-    density = gaussian_filter(counts.reshape(COLOUR_BINS), _SMOOTH_BINS).ravel()
-    return np.asarray(density / max(float(density.sum()), 1e-9), np.float32)
+def _sums(counts: Singles, groups: Sequence[Sequence[int] | Mask]) -> Singles:
+    """(C, G, bins) of each group of pieces, from (C, K, bins)."""
+    return np.stack([counts[:, group].sum(axis=1) for group in groups], axis=1)
+
+
+def _clear(counts: Singles) -> Ints:
+    """(C, bins) the number from 1 on of the group for which a colour clearly speaks, 0 for none; counts
+    (C, G, bins): of the groups' colours, smoothed."""
+    density = _densities(counts)
+    ranked = np.sort(density, axis=1)
+    is_clear = ranked[:, -1] > _LEAST_DENSITY
+    if density.shape[1] > 1:
+        is_clear &= ranked[:, -1] > _CLEARLY * ranked[:, -2]
+    return np.where(is_clear, 1 + density.argmax(axis=1), 0).astype(np.int32)
 
 
 def _grouped(densities: Singles) -> list[list[int]]:
@@ -142,6 +148,38 @@ def _grouped(densities: Singles) -> list[list[int]]:
         apart[i] = apart[:, i] = _apart(roots, i)
         apart[i, i] = np.inf
     return groups
+
+
+def _merged(groups: list[list[int]], counts: Singles, smooth: Singles) -> list[list[int]]:
+    """The groups, two of them made one as long as a pixel's class then tells more.
+
+    Where two groups look alike, their colours speak clearly for neither of them, so that most pixels of both
+    have no class. counts, smooth (C, K, bins): of all pieces, as they are and smoothed.
+    """
+
+    def joined(i: int, j: int) -> list[list[int]]:
+        return [*(group for k, group in enumerate(groups) if k not in (i, j)), groups[i] + groups[j]]
+
+    told = _told(_sums(counts, groups), _sums(smooth, groups))
+    while len(groups) > 2:
+        tries = [joined(i, j) for i, j in combinations(range(len(groups)), 2)]
+        each = [_told(_sums(counts, groups), _sums(smooth, groups)) for groups in tries]
+        if max(each) <= told:
+            break
+        told, groups = max(each), tries[int(np.argmax(each))]
+    return groups
+
+
+def _told(counts: Singles, smooth: Singles) -> float:
+    """The information that a pixel's class, where it has one, gives about its group: their mutual information
+    in nats, without the pixels that have none. counts, smooth (C, G, bins)."""
+    n_groups = counts.shape[1]
+    tables = _clear(smooth)
+    read = np.array(
+        [np.where(tables[:, None] == k, counts, 0.0).sum(axis=(0, 2)) for k in range(1, 1 + n_groups)]
+    )
+    shares, of_group = read.T / counts.sum(), counts.sum(axis=(0, 2)) / counts.sum()
+    return float(rel_entr(shares, np.outer(of_group, shares.sum(axis=0))).sum())
 
 
 def _apart(roots: Singles, k: int) -> Floats:

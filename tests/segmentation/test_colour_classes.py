@@ -56,6 +56,29 @@ def test_parts_of_one_colour_make_one_class() -> None:
     assert set().union(*numbers) <= set(range(1, 1 + MOST_CLASSES))
 
 
+def test_parts_that_share_their_shades_are_merged_until_shades_speak_for_them() -> None:
+    """Of four shades of one cloth each part shows two, so that none speaks for one part alone."""
+    shades = (220, 110, 90), (160, 60, 40), (110, 40, 30), (60, 20, 10)
+    first, second, third, fourth = shades
+    lit_parts = {
+        "torso": (first, second),
+        "skirt": (third, fourth),
+        "left_upper_arm": (first, third),
+        "right_upper_arm": (second, fourth),
+    }
+    learner = ColourLearner(1)
+    for seed in range(4):
+        lit = {name: of_part[seed % 2] for name, of_part in lit_parts.items()}
+        learner.add(0, *shown({"head": SKIN} | lit, seed))
+    found = learner.conclude()
+    assert found is not None
+    cloth = {number for name in lit_parts for number in found.colours[name]}
+    assert len(cloth) < len(lit_parts)
+    assert cloth.isdisjoint(found.colours["head"])
+    seen = [classes_of(shown({"torso": shade})[0], found.tables[0])[40:50, 14:20] for shade in shades]
+    assert np.isin(seen, list(cloth)).mean() >= 0.5
+
+
 def test_pixels_get_the_class_of_their_part_and_others_none() -> None:
     found = learnt(DRESSED)
     assert found is not None
