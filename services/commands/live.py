@@ -22,7 +22,7 @@ from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.live import LiveTake, open_live
 from services.recorder.result_folder import check_out
-from services.runs.live import LiveJob, serve_group
+from services.runs.live import LiveJob, fit_of_actor, serve_group
 from services.runs.live import live as track_live
 from services.runs.progress import Progress, live_in_words
 from services.segmentation.live.availability import check_sources
@@ -121,8 +121,11 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
 
 def _body(take: LiveTake) -> str:
     """The body that is tracked, in a sentence."""
-    if take_actor(take) is not None:
-        return f"body: {take.actor_path}"
+    actor, fit = take_actor(take), fit_of_actor(take)
+    if actor is not None:
+        if actor.colours and fit is None:
+            return f"body: {take.actor_path}; not its colours, which other cameras saw"
+        return f"body: {take.actor_path}" + (" with its colours" if actor.colours else "")
     if take.live.actor_height is not None:
         return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
     return "body: the generic one, scaled to the first person in view: actor_height or actor is better"

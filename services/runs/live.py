@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from proto.messages import DROPPED_BY
+from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import partial_of
 from services.mocap.result.result import edited_run
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import FIT_FOLDER, record_of
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.process import StopRequest
@@ -89,9 +92,23 @@ def live(
 
 
 def _cameras(job: LiveJob, group: str) -> Words:
-    """Which cameras one process segments, and where it keeps what they see."""
+    """Which cameras one process segments, what is known of them, and where it keeps what they see."""
     names = ",".join(job.take.cameras[c].name for c in job.take.cameras_of([group]))
-    return ("--cameras", names, *(() if job.record is None else ("--record", str(part_of(job.record)))))
+    folders = {"--fitted": fit_of_actor(job.take), "--record": job.record and part_of(job.record)}
+    given = [word for option, folder in folders.items() if folder for word in (option, str(folder))]
+    return ("--cameras", names, *given)
+
+
+def fit_of_actor(take: LiveTake) -> Path | None:
+    """The folder of the fit that found the take's actor with these very cameras, if any: it knows what hides
+    the actor, and the actor's colours. Raises TakeError if its record cannot be used."""
+    path = take.actor_path
+    if path is None or not path.exists():  # a host that serves a group of cameras may lack it
+        return None
+    folder = path.parent / FIT_FOLDER
+    record = record_of(folder, read_actor(path))
+    is_of_rig = record is not None and record.rig == Rig.of(take.cameras).content_hash
+    return folder if is_of_rig else None
 
 
 def serve_group(job: LiveJob, group: str) -> None:

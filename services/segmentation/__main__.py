@@ -175,7 +175,7 @@ def main(
         about(take=source.settings.name)
         chosen = _choose(source, cameras)
         if isinstance(source, LiveTake):
-            serve_live(source, chosen, connect, stop, own_keys, segmenter, record)
+            serve_live(source, chosen, connect, stop, own_keys, segmenter, record, fitted)
             return
         sender = Sender(source, chosen, segmenter, connect, own_keys, fitted, kept)
         try:

@@ -97,6 +97,38 @@ class Moment:
     """(h, w) of each camera, the colour class of every actor pixel, 0 for none; None if none are known."""
 
 
+class LearntCamera:
+    """A camera, with what a fit learnt of it: where something hides the actor, and the actor's colours."""
+
+    def __init__(self, camera: Camera, occluded: Mask | None, colour_table: Bytes | None) -> None:
+        """occluded (h, w), without lens distortion, and colour_table (COLOUR_BINS): None if unknown."""
+        self._undistorter = Undistorter(camera)
+        self._occluded, self._colour_table = occluded, colour_table
+
+    def trimap(self, raw: Trimap) -> Trimap:
+        """(h, w) a raw trimap without lens distortion, unsure where something hides the actor."""
+        trimap = self._undistorter.trimap(raw)
+        return trimap if self._occluded is None else np.where(self._occluded, np.uint8(UNSURE), trimap)
+
+    def classes(self, image_bgr: Bytes, raw: Trimap, trimap: Trimap) -> Bytes:
+        """(h, w) the colour class of every actor pixel of a trimap that was made of a raw picture (h, w, 3)
+        and its raw trimap; 0 for none."""
+        classes, box = np.zeros_like(trimap), box_of(raw == ACTOR, 0)
+        if self._colour_table is not None and box is not None:
+            of_raw = np.zeros_like(raw)
+            of_raw[box] = classes_of(image_bgr[box], self._colour_table)
+            is_actor = trimap == ACTOR
+            classes[is_actor] = self._undistorter.numbers(of_raw)[is_actor]
+        return classes
+
+
+def learnt_cameras(
+    cameras: Sequence[Camera], occluded: Mapping[str, Mask], colour_tables: Mapping[str, Bytes]
+) -> list[LearntCamera]:
+    """Cameras with what is known of them by name."""
+    return [LearntCamera(c, occluded.get(c.name), colour_tables.get(c.name)) for c in cameras]
+
+
 class RawMoments(Protocol):
     """Reads moments of a take."""
 
@@ -122,12 +154,11 @@ class Segmenter:
         `moved`."""
         self.raw_moments = raw_moments
         """Of frames from start up to and without stop, with lens distortion and without colour classes."""
-        self._cameras, self._occluded = cameras, occluded or {}
-        self._tables = colour_tables or {}
+        self._cameras, self._has_classes = cameras, bool(colour_tables)
+        self._learnt = learnt_cameras(cameras, occluded or {}, colour_tables or {})
         self.moved = moved
         """Returns by camera the pixels (h, w), without lens distortion, where an object was added or removed
         since the clean plates were recorded."""
-        self._undistorters = [Undistorter(camera) for camera in cameras]
 
     @classmethod
     def of_videos(
@@ -184,31 +215,21 @@ class Segmenter:
     def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
         stop. with_pictures: see RawMoments."""
-        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or bool(self._tables)):
-            trimaps = [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw.trimaps, strict=True)]
-            for camera, trimap in zip(self._cameras, trimaps, strict=True):
-                if camera.name in self._occluded:
-                    trimap[self._occluded[camera.name]] = UNSURE
-            yield Moment(trimaps, raw.images_bgr, self._classes(raw, trimaps))
+        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or self._has_classes):
+            trimaps = [
+                learnt.trimap(trimap) for learnt, trimap in zip(self._learnt, raw.trimaps, strict=True)
+            ]
+            classes, images = None, raw.images_bgr
+            if self._has_classes and images is not None:
+                classes = [
+                    learnt.classes(images[c], raw.trimaps[c], trimaps[c])
+                    for c, learnt in enumerate(self._learnt)
+                ]
+            yield Moment(trimaps, images, classes)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
         return (moment.trimaps for moment in self.moments(start, stop, with_pictures=False))
-
-    def _classes(self, raw: Moment, trimaps: Sequence[Trimap]) -> list[Bytes] | None:
-        """The colour classes (h, w) of each camera: of a raw moment's pictures, at the actor pixels of its
-        undistorted trimaps."""
-        if raw.images_bgr is None or not self._tables:
-            return None
-        classes = [np.zeros_like(trimap) for trimap in trimaps]
-        for c, (camera, trimap) in enumerate(zip(self._cameras, trimaps, strict=True)):
-            box = box_of(raw.trimaps[c] == ACTOR, 0)
-            if camera.name in self._tables and box is not None:
-                of_raw = np.zeros_like(raw.trimaps[c])
-                of_raw[box] = classes_of(raw.images_bgr[c][box], self._tables[camera.name])
-                is_actor = trimap == ACTOR
-                classes[c][is_actor] = self._undistorters[c].numbers(of_raw)[is_actor]
-        return classes
 
 
 def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:

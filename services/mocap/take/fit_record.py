@@ -44,6 +44,8 @@ class FitRecord(FrozenModel):
     """The frame after the last."""
     is_refined: bool = False
     """Whether it was a fit to frames of the whole take, by the poses of a result."""
+    rig: str | None = None
+    """Content hash of the rig that saw the actor; None in records of earlier versions."""
     hints: dict[str, Any]
     """The hints about the first pose in take.toml (hints_of)."""
     energy_before_px: list[float]

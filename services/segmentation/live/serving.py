@@ -17,8 +17,8 @@ from services.health import beat
 from services.listener import hear
 from services.logs import about
 from services.mocap.camera.rig import Rig
-from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.take.fit_record import read_learnt
 from services.mocap.take.live import LiveTake
 from services.process import StopRequest, clock_name
 from services.segmentation.joint import JointMatte
@@ -29,7 +29,7 @@ from services.segmentation.live.shots import CoordinatorClock, Shot
 from services.segmentation.live.sources import check_file
 from services.segmentation.metrics import FRAMES, SECONDS
 from services.segmentation.segmenters import live_matte
-from services.segmentation.silhouettes import packed
+from services.segmentation.silhouettes import learnt_cameras, packed
 from services.segmentation.warm_up import warm_up
 
 _SHOT_WAIT_S = 0.05
@@ -43,8 +43,10 @@ log = logging.getLogger(__name__)
 class Silhouetter:
     """Makes the silhouettes of a group's shots."""
 
-    def __init__(self, take: LiveTake, cameras: Sequence[int], segmenter: str) -> None:
-        """Raises UserError if the segmenter does not support live input."""
+    def __init__(
+        self, take: LiveTake, cameras: Sequence[int], segmenter: str, fitted: Path | None = None
+    ) -> None:
+        """fitted: see serve_live. Raises UserError if the segmenter does not support live input."""
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
         self._matte = live_matte(take, chosen, segmenter)
@@ -52,7 +54,9 @@ class Silhouetter:
         if isinstance(self._matte, JointMatte):
             self._learner = LiveLearner(self._matte, [camera.name for camera in chosen])
         self._colours = [take.colours.get(camera.name) for camera in chosen]
-        self._undistorters = [Undistorter(camera) for camera in chosen]
+        occluded, colour_tables = ({}, {}) if fitted is None else read_learnt(fitted, chosen)
+        self._learnt = learnt_cameras(chosen, occluded, colour_tables)
+        self._has_classes = bool(colour_tables)
         warm_up()
 
     def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
@@ -64,8 +68,14 @@ class Silhouetter:
         if self._learner is not None:
             self._learner.see(images)
         raw, there = self._matte.trimaps(images), sorted(images)
-        trimaps = [self._undistorters[k].trimap(raw[k]) for k in there]
-        return there, packed(trimaps, self._width_px, self._height_px)
+        trimaps = [self._learnt[k].trimap(raw[k]) for k in there]
+        classes = None
+        if self._has_classes:
+            classes = [
+                self._learnt[k].classes(images[k], raw[k], trimap)
+                for k, trimap in zip(there, trimaps, strict=True)
+            ]
+        return there, packed(trimaps, self._width_px, self._height_px, classes)
 
 
 class Talk:
@@ -133,6 +143,7 @@ class Talk:
             times_s=[shot.taken[k].time_s for k in there],
             planes=planes.silhouettes,
             unsure=planes.sent_unsure,
+            classes=planes.sent_classes,
         )
         if self._silhouettes.send(message):
             FRAMES.inc()
@@ -162,11 +173,13 @@ def serve_live(
     keys: ClientKeys | None,
     segmenter: str,
     record: Path | None,
+    fitted: Path | None,
 ) -> None:
     """Send silhouettes of live cameras until the coordinator announces the end or a stop is requested.
 
-    record: the folder in which to record the pictures as a take, with the clean plates from the start. Raises
-    UserError if a source does not match its configuration.
+    record: the folder in which to record the pictures as a take, with the clean plates from the start.
+    fitted: a folder written by xormocap fit with these cameras; what its occluded pictures show is unsure,
+    and it knows the actor's colour classes. Raises UserError if a source does not match its configuration.
     """
     about(take=take.settings.name)
     for c in cameras:
@@ -177,7 +190,7 @@ def serve_live(
                 closing.enter_context(tempfile.TemporaryDirectory(prefix="xormocap-stage-"))
             )
             take = see_empty_stage(take, cameras, kept, stop)
-        silhouetter = Silhouetter(take, cameras, segmenter)
+        silhouetter = Silhouetter(take, cameras, segmenter, fitted)
         talk = Talk(take, cameras, endpoint, keys)
         closing.callback(talk.close)
         group = Group(take, cameras, talk.clock, record)

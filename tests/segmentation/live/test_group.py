@@ -9,11 +9,14 @@ import pytest
 
 from proto.messages import LivePace
 from services.mocap.camera.colour import ColourCorrection, write_colours
-from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.bitplanes import TriPlanes, unpack, unpack_classes
+from services.mocap.take.fit_record import COLOUR_BINS, OCCLUDED, read_learnt, write_colour_tables
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import video_path
 from services.mocap.take.live import open_live
 from services.mocap.take.video import VideoReader
+from services.mocap.take.writer import write_picture
+from services.mocap.types import Mask
 from services.segmentation.live.group import Group
 from services.segmentation.live.serving import Silhouetter
 from services.segmentation.live.shots import CoordinatorClock, Shot, Taken
@@ -79,6 +82,30 @@ def test_colours_are_corrected_before_silhouettes_are_made(folder: Path, segment
     planes = _live(folder, raw, segmenter)
     changed = (unpack(planes.silhouettes, 3) != unpack(plain.silhouettes, 3)).any(axis=(1, 2))
     assert changed.tolist() == [True, True, False]
+
+
+def test_what_a_fit_learnt_counts_live_as_in_a_recorded_take(folder: Path, tmp_path: Path) -> None:
+    raw = open_take(folder)
+    hidden: Mask = np.zeros(raw.cameras[1].shape_px, bool)
+    hidden[:, 30:] = True
+    tables = {"cam01": np.ones(COLOUR_BINS, np.uint8), "cam03": np.zeros(COLOUR_BINS, np.uint8)}
+    tables["cam03"][:8], tables["cam03"][8:] = 2, 3
+    write_picture(tmp_path / OCCLUDED / "cam02.png", hidden)
+    write_colour_tables(tmp_path, tables)
+    made = make_segmenter(raw, raw.cameras, "paper").knowing(*read_learnt(tmp_path, raw.cameras))
+    moment = next(made.moments(0, 1))
+    recorded = packed(moment.trimaps, 64, 48, moment.classes)
+    silhouetter = Silhouetter(open_live(folder / "live.toml"), range(3), "paper", tmp_path)
+    _, live = silhouetter.planes(_shot(raw))
+    for name in ("silhouettes", "unsure", "sent_classes"):
+        np.testing.assert_array_equal(getattr(live, name), getattr(recorded, name), name)
+    assert unpack(live.unsure, 3).sum(axis=(1, 2)).tolist() == [0, hidden.sum(), 0]
+    classes = unpack_classes(live.sent_classes, 3)
+    assert [set(np.unique(of_camera)) for of_camera in classes[:2]] == [{0, 1}, {0}]
+    assert set(np.unique(classes[2])) & {2, 3}
+    there, two = silhouetter.planes(Shot(0, 0.0, {c: _shot(raw).taken[c] for c in (0, 2)}))
+    assert there == [0, 2]
+    np.testing.assert_array_equal(unpack_classes(two.sent_classes, 2), classes[[0, 2]])
 
 
 def test_a_camera_without_a_picture_has_no_silhouette(folder: Path) -> None:
