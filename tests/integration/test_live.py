@@ -11,13 +11,18 @@ import numpy as np
 import pytest
 
 from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.camera.rig import Rig
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import FIT_FOLDER, OCCLUDED, FitRecord, write_record
 from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
 from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
+from services.mocap.take.writer import write_picture
+from services.mocap.types import Mask
 from services.runs.live import LiveJob, live
 from services.runs.progress import Progress, live_in_words
 
@@ -61,7 +66,22 @@ def stage(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
         f'background = "background"\nactor = "actor.toml"\ngrace_s = 1.5\n'
         f"facing = {np.degrees(heading_rad):.1f}\n{tables}"
     )
+    _write_fit(folder)
     return folder
+
+
+def _write_fit(folder: Path) -> None:
+    """What a fit of the actor with these cameras would have learnt: that one camera never sees the rim of
+    its picture."""
+    cameras, actor = open_live(folder / "live.toml").cameras, read_actor(folder / "actor.toml")
+    rim: Mask = np.ones(cameras[0].shape_px, bool)
+    rim[2:-2, 2:-2] = False
+    write_picture(folder / FIT_FOLDER / OCCLUDED / f"{cameras[0].name}.png", rim)
+    record = FitRecord(
+        actor=actor.content_hash, first_frame=0, end_frame=1, rig=Rig.of(cameras).content_hash, hints={},
+        energy_before_px=[0.0], energy_after_px=[0.0], iou_before={}, iou_after={}, seconds={}, warnings=[],
+    )  # fmt: skip
+    write_record(folder / FIT_FOLDER, record)
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +131,13 @@ def test_every_pose_is_that_of_the_shot_that_it_names(stage: Path, unplugged: Ru
     assert report["accuracy"]["frames"] == len(shots)
     assert report["accuracy"]["p95_mm"] < 40
     assert len(truth.frames) == 24
+
+
+def test_every_group_of_cameras_knows_what_the_actors_fit_learnt(stage: Path, unplugged: Run) -> None:
+    out, _, _ = unplugged
+    logs = [path.read_text() for path in (out / "logs").glob("segmentation*")]
+    assert len(logs) == 2
+    assert all(f"with the fit in {stage / FIT_FOLDER}" in log for log in logs)
 
 
 def test_every_picture_is_in_a_pose_or_told_as_dropped(unplugged: Run) -> None:

@@ -194,7 +194,8 @@ def serve_live(
         talk = Talk(take, cameras, endpoint, keys)
         closing.callback(talk.close)
         group = Group(take, cameras, talk.clock, record)
-        log.info("ready: live %s", ", ".join(take.cameras[c].name for c in cameras))
+        names = ", ".join(take.cameras[c].name for c in cameras)
+        log.info("ready: live %s%s", names, f", with the fit in {fitted}" if fitted else "")
         try:
             _serve(talk, group, silhouetter, stop)
         finally:
