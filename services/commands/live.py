@@ -15,11 +15,12 @@ from services.commands.consoles import say, stderr, stdout, warn
 from services.commands.track import accuracy_in_words, corrected_in_words
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
-from services.mocap.errors import UserError, nearest
+from services.mocap.errors import TakeError, UserError, nearest
 from services.mocap.motion.settings import Smoother
 from services.mocap.result.words import rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
+from services.mocap.take.fit_record import read_colour_tables
 from services.mocap.take.live import LiveTake, open_live
 from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, fit_of_actor, serve_group
@@ -80,16 +81,29 @@ def live(
         page=page,
         record=record,
         keys=keys,
+        fit=_fit(take, group),
     )
     if group is not None:
         serve_group(job, group)
         return
-    say(_body(take), stderr)
+    say(body_in_words(take, job.fit, with_colours=search.colour > 0), stderr)
     report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
     conclude(folder, record, port if watch else None, strict=strict)
+
+
+def _fit(take: LiveTake, group: str | None) -> Path | None:
+    """The fit of the actor, if any (fit_of_actor); a host that only serves cameras does without one that
+    cannot be used."""
+    try:
+        return fit_of_actor(take)
+    except TakeError as problem:
+        if group is None:
+            raise
+        warn([f"{problem}; cameras are served without the actor's colours"])
+        return None
 
 
 def _groups_to_serve(config: Path, take: LiveTake, group: str | None, record: Path | None) -> list[str]:
@@ -119,13 +133,17 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
     return report
 
 
-def _body(take: LiveTake) -> str:
+def _colours(take: LiveTake, fit: Path | None) -> str:
+    """Whether the actor's colours count, in words."""
+    known = {} if fit is None else read_colour_tables(fit, take.cameras)
+    return " with its colours" if known else ", not its colours: no fit beside it saw them with these cameras"
+
+
+def body_in_words(take: LiveTake, fit: Path | None, *, with_colours: bool) -> str:
     """The body that is tracked, in a sentence."""
-    actor, fit = take_actor(take), fit_of_actor(take)
+    actor = take_actor(take)
     if actor is not None:
-        if actor.colours and fit is None:
-            return f"body: {take.actor_path}; not its colours, which other cameras saw"
-        return f"body: {take.actor_path}" + (" with its colours" if actor.colours else "")
+        return f"body: {take.actor_path}" + (_colours(take, fit) if actor.colours and with_colours else "")
     if take.live.actor_height is not None:
         return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
     return "body: the generic one, scaled to the first person in view: actor_height or actor is better"

@@ -93,9 +93,10 @@ def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fit
     actor = take_actor(take, fitted)
     if actor is None:
         return Plan(take, frames, search, segmenter, None)
+    if isinstance(take, LiveTake):  # no run continues it, and its frames are not those of a fit
+        return Plan(take, frames, search, segmenter, actor)
     fit_folder = fitted or take.folder / FIT_FOLDER
-    # Frames of live input are not those of the fit.
-    poses = {} if isinstance(take, LiveTake) else known_poses(fit_folder, actor, take.settings)
+    poses = known_poses(fit_folder, actor, take.settings)
     log.info("poses of %d frames are known from the fit of the actor", len(poses))
     return Plan(take, frames, search, segmenter, actor, poses, *read_learnt(fit_folder, take.cameras))
 

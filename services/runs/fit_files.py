@@ -109,7 +109,7 @@ def _record(take: Take, found: TakeFit) -> FitRecord:
         first_frame=found.frames[0],
         end_frame=found.frames[-1] + 1,
         is_refined=found.is_refined,
-        rig=Rig.of(take.cameras).content_hash,
+        projections={camera.name: camera.P_px_world.tolist() for camera in take.calibrated},
         hints=hints_of(take.settings),
         energy_before_px=found.fit.before.energy_px.tolist(),
         energy_after_px=found.fit.after.energy_px.tolist(),

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from proto.messages import DROPPED_BY
-from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import partial_of
 from services.mocap.result.result import edited_run
 from services.mocap.take.actor_file import read_actor
-from services.mocap.take.fit_record import FIT_FOLDER, record_of
+from services.mocap.take.fit_record import FIT_FOLDER, copy_learnt, record_of, was_seen_by
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.process import StopRequest
@@ -43,6 +42,8 @@ class LiveJob(Job):
     take: LiveTake
     record: Path | None = None
     """Folder to record the pictures in as a take; None: no recording."""
+    fit: Path | None = None
+    """See fit_of_actor."""
 
 
 def live(
@@ -80,6 +81,8 @@ def live(
         shutil.rmtree(logs, ignore_errors=True)
         return None
     keep_logs(logs, job.out)
+    if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
+        copy_learnt(job.fit, job.out / FIT_FOLDER)
     with edited_run(job.out) as report:
         report["settings"]["segmenter"] = job.segmenter
         if told is not None:
@@ -94,21 +97,23 @@ def live(
 def _cameras(job: LiveJob, group: str) -> Words:
     """Which cameras one process segments, what is known of them, and where it keeps what they see."""
     names = ",".join(job.take.cameras[c].name for c in job.take.cameras_of([group]))
-    folders = {"--fitted": fit_of_actor(job.take), "--record": job.record and part_of(job.record)}
+    folders = {"--fitted": job.fit, "--record": job.record and part_of(job.record)}
     given = [word for option, folder in folders.items() if folder for word in (option, str(folder))]
     return ("--cameras", names, *given)
 
 
 def fit_of_actor(take: LiveTake) -> Path | None:
     """The folder of the fit that found the take's actor with these very cameras, if any: it knows what hides
-    the actor, and the actor's colours. Raises TakeError if its record cannot be used."""
+    the actor, and the actor's colours. Raises TakeError if the actor or the fit's record cannot be used."""
     path = take.actor_path
     if path is None or not path.exists():  # a host that serves a group of cameras may lack it
         return None
-    folder = path.parent / FIT_FOLDER
-    record = record_of(folder, read_actor(path))
-    is_of_rig = record is not None and record.rig == Rig.of(take.cameras).content_hash
-    return folder if is_of_rig else None
+    actor = read_actor(path)
+    for folder in (path.parent / FIT_FOLDER, path.parent):
+        record = record_of(folder, actor)
+        if record is not None and was_seen_by(record, take.calibrated):
+            return folder
+    return None
 
 
 def serve_group(job: LiveJob, group: str) -> None:

@@ -94,7 +94,8 @@ class ColourLearner:
             classes[group] = number
         for _ in range(_ROUNDS):
             numbers = np.unique(classes[classes > 0])
-            tables = np.concatenate([[0], numbers])[_clear(_sums(smooth, [classes == k for k in numbers]))]
+            names = np.concatenate([[0], numbers]).astype(np.uint8)
+            tables = names[_clear(_sums(smooth, [classes == k for k in numbers]))]
             classes = _sorted_into(counts, tables)
             if len(np.unique(classes[classes > 0])) < 2:
                 return None
@@ -106,8 +107,7 @@ class ColourLearner:
             for s, name in reversed(list(enumerate(COLOURED)))
             if of_surfaces[s].any()
         }
-        tables = tables.astype(np.uint8).reshape(-1, *COLOUR_BINS)
-        return ColourClasses(dict(sorted(colours.items())), tables)
+        return ColourClasses(dict(sorted(colours.items())), tables.reshape(-1, *COLOUR_BINS))
 
 
 def _densities(counts: Singles) -> Singles:
@@ -163,7 +163,7 @@ def _merged(groups: list[list[int]], counts: Singles, smooth: Singles) -> list[l
     told = _told(_sums(counts, groups), _sums(smooth, groups))
     while len(groups) > 2:
         tries = [joined(i, j) for i, j in combinations(range(len(groups)), 2)]
-        each = [_told(_sums(counts, groups), _sums(smooth, groups)) for groups in tries]
+        each = [_told(_sums(counts, joint), _sums(smooth, joint)) for joint in tries]
         if max(each) <= told:
             break
         told, groups = max(each), tries[int(np.argmax(each))]

@@ -11,19 +11,18 @@ import numpy as np
 import pytest
 
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.camera.rig import Rig
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor
-from services.mocap.take.fit_record import FIT_FOLDER, OCCLUDED, FitRecord, write_record
+from services.mocap.take.fit_record import FIT_FOLDER, OCCLUDED, FitRecord, read_occluded, write_record
 from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
 from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Mask
-from services.runs.live import LiveJob, live
+from services.runs.live import LiveJob, fit_of_actor, live
 from services.runs.progress import Progress, live_in_words
 
 pytestmark = pytest.mark.timeout(280)
@@ -78,8 +77,9 @@ def _write_fit(folder: Path) -> None:
     rim[2:-2, 2:-2] = False
     write_picture(folder / FIT_FOLDER / OCCLUDED / f"{cameras[0].name}.png", rim)
     record = FitRecord(
-        actor=actor.content_hash, first_frame=0, end_frame=1, rig=Rig.of(cameras).content_hash, hints={},
-        energy_before_px=[0.0], energy_after_px=[0.0], iou_before={}, iou_after={}, seconds={}, warnings=[],
+        actor=actor.content_hash, first_frame=0, end_frame=1, hints={}, energy_before_px=[0.0],
+        projections={camera.name: camera.P_px_world.tolist() for camera in cameras},
+        energy_after_px=[0.0], iou_before={}, iou_after={}, seconds={}, warnings=[],
     )  # fmt: skip
     write_record(folder / FIT_FOLDER, record)
 
@@ -114,6 +114,7 @@ def unplugged(stage: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
         page=None,
         record=folder / "recorded",
         keys=None,
+        fit=fit_of_actor(open_live(stage / "live.toml")),
     )
     assert live(job, show=show) is not None
     assert cut.is_set()
@@ -138,6 +139,8 @@ def test_every_group_of_cameras_knows_what_the_actors_fit_learnt(stage: Path, un
     logs = [path.read_text() for path in (out / "logs").glob("segmentation*")]
     assert len(logs) == 2
     assert all(f"with the fit in {stage / FIT_FOLDER}" in log for log in logs)
+    cameras = open_live(stage / "live.toml").cameras
+    assert read_occluded(out / FIT_FOLDER, cameras).keys() == {cameras[0].name}
 
 
 def test_every_picture_is_in_a_pose_or_told_as_dropped(unplugged: Run) -> None:

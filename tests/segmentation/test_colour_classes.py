@@ -1,5 +1,7 @@
 """Colour classes are learnt from pictures of a body whose pieces have known colours."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -72,11 +74,11 @@ def test_parts_that_share_their_shades_are_merged_until_shades_speak_for_them() 
         learner.add(0, *shown({"head": SKIN} | lit, seed))
     found = learner.conclude()
     assert found is not None
-    cloth = {number for name in lit_parts for number in found.colours[name]}
-    assert len(cloth) < len(lit_parts)
-    assert cloth.isdisjoint(found.colours["head"])
+    by_class = Counter(number for name in lit_parts for number in found.colours[name])
+    assert list(by_class.values()) == [2 * QUARTERS, 2 * QUARTERS]
+    assert by_class.keys().isdisjoint(found.colours["head"])
     seen = [classes_of(shown({"torso": shade})[0], found.tables[0])[40:50, 14:20] for shade in shades]
-    assert np.isin(seen, list(cloth)).mean() >= 0.5
+    assert np.isin(seen, list(by_class)).mean() == 0.5, "the shades that one class alone shows"
 
 
 def test_pixels_get_the_class_of_their_part_and_others_none() -> None:

@@ -1,5 +1,6 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
+import shutil
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -44,8 +45,9 @@ class FitRecord(FrozenModel):
     """The frame after the last."""
     is_refined: bool = False
     """Whether it was a fit to frames of the whole take, by the poses of a result."""
-    rig: str | None = None
-    """Content hash of the rig that saw the actor; None in records of earlier versions."""
+    projections: dict[str, tuple[tuple[float, ...], ...]] = Field(default_factory=dict)
+    """By camera that saw the actor the rows of its P_px_world, in the pixels of its calibration; empty in
+    records of earlier versions."""
     hints: dict[str, Any]
     """The hints about the first pose in take.toml (hints_of)."""
     energy_before_px: list[float]
@@ -60,6 +62,15 @@ class FitRecord(FrozenModel):
     lacking: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """By camera which of hands, feet and head its silhouettes lack in these frames."""
     warnings: list[str]
+
+
+def was_seen_by(record: FitRecord, cameras: Iterable[Camera]) -> bool:
+    """Whether these cameras, as calibrated, saw the actor of a fit: by their names and projections."""
+    return all(
+        camera.name in record.projections
+        and np.allclose(record.projections[camera.name], camera.P_px_world, rtol=1e-6, atol=1e-6)
+        for camera in cameras
+    )
 
 
 def hints_of(settings: TakeSettings) -> dict[str, Any]:
@@ -113,6 +124,16 @@ def known_poses(folder: Path, actor: Actor, settings: TakeSettings) -> dict[int,
 def read_learnt(folder: Path, cameras: Sequence[Camera]) -> tuple[dict[str, Mask], dict[str, Bytes]]:
     """What a fit learnt of some cameras: read_occluded and read_colour_tables."""
     return read_occluded(folder, cameras), read_colour_tables(folder, cameras)
+
+
+def copy_learnt(fit: Path, to: Path) -> None:
+    """Copy the record of a fit, and what it learnt of cameras, into another folder."""
+    to.mkdir(exist_ok=True)
+    for path in (fit / COLOURS, *(fit / OCCLUDED).glob("*.png"), fit / RECORD):
+        if path.exists():
+            copy = to / path.relative_to(fit)
+            copy.parent.mkdir(exist_ok=True)
+            shutil.copy(path, copy)
 
 
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
