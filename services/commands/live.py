@@ -133,7 +133,7 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
     return report
 
 
-def _colours(take: LiveTake, fit: Path | None) -> str:
+def _colours_in_words(take: LiveTake, fit: Path | None) -> str:
     """Whether the actor's colours count, in words."""
     known = {} if fit is None else read_colour_tables(fit, take.cameras)
     return " with its colours" if known else ", not its colours: no fit beside it saw them with these cameras"
@@ -143,7 +143,9 @@ def body_in_words(take: LiveTake, fit: Path | None, *, with_colours: bool) -> st
     """The body that is tracked, in a sentence."""
     actor = take_actor(take)
     if actor is not None:
-        return f"body: {take.actor_path}" + (_colours(take, fit) if actor.colours and with_colours else "")
+        return f"body: {take.actor_path}" + (
+            _colours_in_words(take, fit) if actor.colours and with_colours else ""
+        )
     if take.live.actor_height is not None:
         return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
     return "body: the generic one, scaled to the first person in view: actor_height or actor is better"

@@ -93,7 +93,7 @@ def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fit
     actor = take_actor(take, fitted)
     if actor is None:
         return Plan(take, frames, search, segmenter, None)
-    if isinstance(take, LiveTake):  # no run continues it, and its frames are not those of a fit
+    if isinstance(take, LiveTake):  # its frames are not those of a fit; what that learnt, segmentation knows
         return Plan(take, frames, search, segmenter, actor)
     fit_folder = fitted or take.folder / FIT_FOLDER
     poses = known_poses(fit_folder, actor, take.settings)

@@ -97,36 +97,43 @@ class Moment:
     """(h, w) of each camera, the colour class of every actor pixel, 0 for none; None if none are known."""
 
 
-class LearntCamera:
-    """A camera, with what a fit learnt of it: where something hides the actor, and the actor's colours."""
+class LearntCameras:
+    """Some cameras, with what a fit learnt of them: where something hides the actor, and the actor's
+    colours."""
 
-    def __init__(self, camera: Camera, occluded: Mask | None, colour_table: Bytes | None) -> None:
-        """occluded (h, w), without lens distortion, and colour_table (COLOUR_BINS): None if unknown."""
-        self._undistorter = Undistorter(camera)
-        self._occluded, self._colour_table = occluded, colour_table
+    def __init__(
+        self, cameras: Sequence[Camera], occluded: Mapping[str, Mask], colour_tables: Mapping[str, Bytes]
+    ) -> None:
+        """occluded, by camera's name: pixels (h, w), without lens distortion, in which something hides the
+        actor. colour_tables, by name: what the colour classes look like there (COLOUR_BINS)."""
+        self._undistorters = [Undistorter(camera) for camera in cameras]
+        self._occluded = [occluded.get(camera.name) for camera in cameras]
+        self._colour_tables = [colour_tables.get(camera.name) for camera in cameras]
+        self.has_colours = bool(colour_tables)
 
-    def trimap(self, raw: Trimap) -> Trimap:
-        """(h, w) a raw trimap without lens distortion, unsure where something hides the actor."""
-        trimap = self._undistorter.trimap(raw)
-        return trimap if self._occluded is None else np.where(self._occluded, np.uint8(UNSURE), trimap)
+    def moment(self, raw: Mapping[int, Trimap], images_bgr: Mapping[int, Bytes] | None) -> Moment:
+        """What the cameras of these positions show, of raw trimaps (h, w), without lens distortion; with
+        classes where colours are known and there are raw pictures (h, w, 3)."""
+        trimaps = [self._trimap(c, raw[c]) for c in sorted(raw)]
+        classes = None
+        if self.has_colours and images_bgr is not None:
+            pairs = zip(sorted(raw), trimaps, strict=True)
+            classes = [self._classes(c, images_bgr[c], raw[c], trimap) for c, trimap in pairs]
+        return Moment(trimaps, images_bgr, classes)
 
-    def classes(self, image_bgr: Bytes, raw: Trimap, trimap: Trimap) -> Bytes:
-        """(h, w) the colour class of every actor pixel of a trimap that was made of a raw picture (h, w, 3)
-        and its raw trimap; 0 for none."""
-        classes, box = np.zeros_like(trimap), box_of(raw == ACTOR, 0)
-        if self._colour_table is not None and box is not None:
+    def _trimap(self, c: int, raw: Trimap) -> Trimap:
+        trimap, occluded = self._undistorters[c].trimap(raw), self._occluded[c]
+        return trimap if occluded is None else np.where(occluded, np.uint8(UNSURE), trimap)
+
+    def _classes(self, c: int, image_bgr: Bytes, raw: Trimap, trimap: Trimap) -> Bytes:
+        """(h, w) the colour class of every actor pixel of an undistorted trimap, 0 for none."""
+        table, classes, box = self._colour_tables[c], np.zeros_like(trimap), box_of(raw == ACTOR, 0)
+        if table is not None and box is not None:
             of_raw = np.zeros_like(raw)
-            of_raw[box] = classes_of(image_bgr[box], self._colour_table)
+            of_raw[box] = classes_of(image_bgr[box], table)
             is_actor = trimap == ACTOR
-            classes[is_actor] = self._undistorter.numbers(of_raw)[is_actor]
+            classes[is_actor] = self._undistorters[c].numbers(of_raw)[is_actor]
         return classes
-
-
-def learnt_cameras(
-    cameras: Sequence[Camera], occluded: Mapping[str, Mask], colour_tables: Mapping[str, Bytes]
-) -> list[LearntCamera]:
-    """Cameras with what is known of them by name."""
-    return [LearntCamera(c, occluded.get(c.name), colour_tables.get(c.name)) for c in cameras]
 
 
 class RawMoments(Protocol):
@@ -154,8 +161,8 @@ class Segmenter:
         `moved`."""
         self.raw_moments = raw_moments
         """Of frames from start up to and without stop, with lens distortion and without colour classes."""
-        self._cameras, self._has_classes = cameras, bool(colour_tables)
-        self._learnt = learnt_cameras(cameras, occluded or {}, colour_tables or {})
+        self._cameras = cameras
+        self._learnt = LearntCameras(cameras, occluded or {}, colour_tables or {})
         self.moved = moved
         """Returns by camera the pixels (h, w), without lens distortion, where an object was added or removed
         since the clean plates were recorded."""
@@ -215,17 +222,8 @@ class Segmenter:
     def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
         stop. with_pictures: see RawMoments."""
-        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or self._has_classes):
-            trimaps = [
-                learnt.trimap(trimap) for learnt, trimap in zip(self._learnt, raw.trimaps, strict=True)
-            ]
-            classes, images = None, raw.images_bgr
-            if self._has_classes and images is not None:
-                classes = [
-                    learnt.classes(images[c], raw.trimaps[c], trimaps[c])
-                    for c, learnt in enumerate(self._learnt)
-                ]
-            yield Moment(trimaps, images, classes)
+        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or self._learnt.has_colours):
+            yield self._learnt.moment(dict(enumerate(raw.trimaps)), raw.images_bgr)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""

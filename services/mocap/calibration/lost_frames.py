@@ -15,7 +15,7 @@ from services.mocap.types import Floats
 _REACH = 5
 """Offsets up to this many frames, in half frames, are tried before and after the place."""
 _FEWEST_FRAMES = 12
-"""On either side of the place; counted are frames that show the actor at all these offsets."""
+"""So many frames that show the actor at all these offsets must lie on either side of the place."""
 _NEAR_FRAMES = 60
 """The gain is measured over this many frames before the place and after it, as in a long take it would be a
 small share of all errors."""

@@ -29,7 +29,7 @@ from services.segmentation.live.shots import CoordinatorClock, Shot
 from services.segmentation.live.sources import check_file
 from services.segmentation.metrics import FRAMES, SECONDS
 from services.segmentation.segmenters import live_matte
-from services.segmentation.silhouettes import learnt_cameras, packed
+from services.segmentation.silhouettes import LearntCameras, packed
 from services.segmentation.warm_up import warm_up
 
 _SHOT_WAIT_S = 0.05
@@ -55,8 +55,7 @@ class Silhouetter:
             self._learner = LiveLearner(self._matte, [camera.name for camera in chosen])
         self._colours = [take.colours.get(camera.name) for camera in chosen]
         occluded, colour_tables = ({}, {}) if fitted is None else read_learnt(fitted, chosen)
-        self._learnt = learnt_cameras(chosen, occluded, colour_tables)
-        self._has_classes = bool(colour_tables)
+        self._learnt = LearntCameras(chosen, occluded, colour_tables)
         warm_up()
 
     def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
@@ -67,15 +66,8 @@ class Silhouetter:
             images[k] = taken.image if colour is None else colour.apply(taken.image)
         if self._learner is not None:
             self._learner.see(images)
-        raw, there = self._matte.trimaps(images), sorted(images)
-        trimaps = [self._learnt[k].trimap(raw[k]) for k in there]
-        classes = None
-        if self._has_classes:
-            classes = [
-                self._learnt[k].classes(images[k], raw[k], trimap)
-                for k, trimap in zip(there, trimaps, strict=True)
-            ]
-        return there, packed(trimaps, self._width_px, self._height_px, classes)
+        moment = self._learnt.moment(self._matte.trimaps(images), images)
+        return sorted(images), packed(moment.trimaps, self._width_px, self._height_px, moment.classes)
 
 
 class Talk:
