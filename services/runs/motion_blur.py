@@ -23,7 +23,7 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import undistorted_px
-from services.mocap.fit.contours import Contour, evenly, features_of
+from services.mocap.fit.contours import TURN_PX, Contour, evenly, nearest_facing
 from services.mocap.fit.rim import PosedSurface
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.side_by_side import side_by_side
@@ -33,8 +33,8 @@ from services.segmentation.cleanup import SPECK_AREA_PPM, drop_specks
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.silhouettes import Segmenter
 
-_FAR = 12.0
-"""Distance of features (features_of) from which an outline does not belong to the body's nearest one."""
+_FAR_PX = 12.0
+"""Distance, in working pixels, from which an outline does not belong to the body's nearest one."""
 _SLOW_PX, _FAST_PX = 2.0, 8.0
 """Speeds, in working pixels a frame, below which nothing is smeared, and above which smears are measured."""
 _SETTLED_PX = 4.0
@@ -168,10 +168,11 @@ class _MovingBody:
             pinhole_px = undistorted_px(camera, points_px)
             beside_px = undistorted_px(camera, points_px + normals)
             stretch = np.einsum("ni,ni->n", beside_px - pinhole_px, normals)  # pinhole pixels in a raw one
-            tree = cKDTree(features_of(rim.middles_px, rim.facing, scale))
-            distances, edges = tree.query(features_of(pinhole_px, normals, scale))
+            edges = nearest_facing(
+                pinhole_px, normals, rim.middles_px, rim.facing, TURN_PX * scale, _FAR_PX * scale
+            )
             ends = rim.edges[edges]
-            stretch[(distances >= _FAR) | (stretch < _LEAST_STRETCH)] = np.nan
+            stretch[(edges < 0) | (stretch < _LEAST_STRETCH)] = np.nan
 
             def beyond_px(surface: PosedSurface) -> Floats:
                 """(N,) how far the outline lies beyond the body's, in working pixels."""

@@ -187,7 +187,7 @@ def _apart(roots: Singles, k: int) -> Floats:
     roots (C, K, bins): of their densities."""
     shown: Mask = np.asarray(roots.any(axis=2))
     n_both = (shown & shown[:, k, None]).sum(axis=0)
-    common = np.einsum("ckb,cb->k", roots, roots[:, k], optimize=True)
+    common = (roots @ roots[:, k, :, None])[..., 0].sum(axis=0)
     return np.where(n_both > 0, 1.0 - common / np.maximum(n_both, 1), 1.0).astype(np.float64)
 
 

@@ -7,12 +7,11 @@ import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Floats, Ints, Longs, Mask
 
 BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
@@ -26,8 +25,9 @@ _LEAST_STEEP = 0.02
 """Smaller gradients of the blurred silhouette, per pixel, do not locate its 0.5 level; edges have 0.27."""
 _ROOM_PX = 8
 """Margin around the actor when a picture is cropped: more than normals reach."""
-_TURN_PX = 12.0
-"""Weight of the difference of normals in the distance of two outline points, over √2."""
+TURN_PX = 12.0
+"""How many working pixels a turn by a radian counts for, when the nearest point of an outline is looked
+for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,6 @@ class Contour:
     """(N, 2) unit vectors that point off the actor."""
     chosen: Ints
     """Indices of the points that are matched with the model, evenly spread."""
-    tree: cKDTree
-    """All points as features (N, 4)."""
     length_px: float
     """Length of the outline in working pixels."""
     scale: float
@@ -62,9 +60,8 @@ class Contour:
             known = ~look_up(near_unsure, points_px)
             points_px, normals = points_px[known], normals[known]
         chosen = evenly(len(points_px), n_chosen)
-        features = features_of(points_px, normals, scale)
         length_px = outline_length_px(len(points_px), scale)
-        return cls(points_px, normals, chosen, cKDTree(features), length_px, scale, near_unsure)
+        return cls(points_px, normals, chosen, length_px, scale, near_unsure)
 
 
 def look_up(mask: Mask, points_px: Floats) -> Mask:
@@ -86,9 +83,38 @@ def outline_length_px(n_points: int, scale: float) -> float:
     return n_points * float(np.pi) / 4 / scale
 
 
-def features_of(points_px: Floats, normals: Floats, scale: float) -> Floats:
-    """What outline points (N, 2) are matched by: features (N, 4), their distances in working pixels."""
-    return np.hstack([points_px / scale, _TURN_PX * normals])
+@numba.njit(cache=True, nogil=True)
+def nearest_facing(
+    points_px: Floats, normals: Floats, others_px: Floats, facing: Floats, turn_px: float, reach_px: float
+) -> Longs:
+    """(N,) which of M other points (M, 2) is nearest to each of some points (N, 2); -1 if none is in reach.
+
+    Both have unit vectors: by how much these differ counts as a distance too, turn_px times.
+    """
+    order = np.argsort(others_px[:, 1])  # people are upright, so few points are at one height
+    heights = others_px[order, 1]
+    nearest = np.full(len(points_px), -1)
+    for i in range(len(points_px)):
+        x, y = points_px[i]
+        best = reach_px * reach_px
+        below = np.searchsorted(heights, y)
+        above = below - 1
+        while True:  # from the point's height on, both ways
+            to_below = heights[below] - y if below < len(heights) else np.inf
+            to_above = y - heights[above] if above >= 0 else np.inf
+            dy = min(to_below, to_above)
+            if dy * dy >= best:
+                break
+            if to_below < to_above:
+                other, below = order[below], below + 1
+            else:
+                other, above = order[above], above - 1
+            dx = others_px[other, 0] - x
+            du, dv = facing[other, 0] - normals[i, 0], facing[other, 1] - normals[i, 1]
+            away = dx * dx + dy * dy + turn_px * turn_px * (du * du + dv * dv)
+            if away < best:
+                best, nearest[i] = away, other
+    return nearest
 
 
 def working_scales(rig: Rig) -> Floats:

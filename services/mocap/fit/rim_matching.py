@@ -4,20 +4,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numba
 import numpy as np
-from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.fit.contours import Contour, evenly, features_of, look_up, outline_length_px
+from services.mocap.fit.contours import (
+    TURN_PX,
+    Contour,
+    evenly,
+    look_up,
+    nearest_facing,
+    outline_length_px,
+)
 from services.mocap.fit.rim import PosedSurface, Rim
 from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Floats, Ints, Longs, Mask
 
 RIM_POINTS = 200
 """Most rim points of a view that are matched with the contour."""
-_SURFACE_PX, _SURFACE_TURN = 4.0, 3.0
+_SURFACE_PX, _SURFACE_TURN_PX = 4.0, 3.0
 """How far from an outline point, in working pixels, what makes it is looked for on the surface, and how many
 of them a turn by a radian counts for."""
 _WAY_POINTS = 12
@@ -74,26 +79,29 @@ def match_view(rim: Rim, contour: Contour) -> Matches:
         unmatched_px, points = contour.length_px if is_used else 0.0, np.zeros((0, 2))
         return Matches(points.astype(np.int64), points, points, np.zeros(0), np.zeros(0), unmatched_px)
     forth = evenly(len(rim.points_px), RIM_POINTS)
-    features = features_of(rim.points_px, rim.normals, scale)
-    _, on_contour = contour.tree.query(features[forth])
+    on_contour = nearest_facing(
+        rim.points_px[forth], rim.normals[forth], contour.points_px, contour.normals, TURN_PX * scale, np.inf
+    )
     forth_px = outline_length_px(len(rim.points_px), scale) / len(forth)
     if contour.near_unsure is not None:
         told = ~_hidden(rim, forth, contour.points_px[on_contour], contour.near_unsure)
         forth, on_contour = forth[told], on_contour[told]
-    # Balancing takes longer than one query gains.
-    tree = cKDTree(features, compact_nodes=False, balanced_tree=False)
-    _, on_rim = tree.query(contour.tree.data[contour.chosen])
-    rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, contour.chosen])
+    chosen = contour.chosen
+    on_rim = nearest_facing(
+        contour.points_px[chosen],
+        contour.normals[chosen],
+        rim.points_px,
+        rim.normals,
+        TURN_PX * scale,
+        np.inf,
+    )
+    rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, chosen])
     back_px = contour.length_px / max(len(on_rim), 1)
     lengths_px = np.repeat([forth_px, back_px], [len(forth), len(on_rim)])
-    edges = nearest_edges(
-        rim.points_px[rows],
-        rim.normals[rows],
-        rim.middles_px,
-        rim.facing,
-        _SURFACE_PX * scale,
-        _SURFACE_TURN * scale,
-    )
+    edges = nearest_facing(
+        rim.points_px[rows], rim.normals[rows], rim.middles_px, rim.facing,
+        _SURFACE_TURN_PX * scale, _SURFACE_PX * scale,
+    )  # fmt: skip
     found = edges >= 0
     rows, targets = rows[found], targets[found]
     normals = contour.normals[targets] / scale
@@ -118,31 +126,3 @@ def _hidden(rim: Rim, rows: Ints, targets_px: Floats, near_unsure: Mask) -> Mask
     shares = np.linspace(0.0, 1.0, _WAY_POINTS)[:, None, None]
     on_ways = np.concatenate([points_px + shares * way for way in (ways, along, -along)])
     return np.asarray(look_up(near_unsure, on_ways).any(axis=0))
-
-
-@numba.njit(cache=True, nogil=True)
-def nearest_edges(
-    points_px: Floats, normals: Floats, middles_px: Floats, facing: Floats, reach_px: float, turn_px: float
-) -> Longs:
-    """(N,) the nearest edge of every outline point, -1 where none lies within reach.
-
-    Edges that face another way count as farther by turn_px times the difference of the unit vectors.
-    """
-    order = np.argsort(middles_px[:, 1])  # people are upright, so few edges are at one height
-    heights = middles_px[order, 1]
-    nearest = np.full(len(points_px), -1)
-    for i in range(len(points_px)):
-        x, y = points_px[i]
-        best = reach_px * reach_px
-        for k in range(np.searchsorted(heights, y - reach_px), len(heights)):
-            if heights[k] > y + reach_px:
-                break
-            e = order[k]
-            dx, dy = middles_px[e, 0] - x, heights[k] - y
-            if abs(dx) > reach_px:
-                continue
-            du, dv = facing[e, 0] - normals[i, 0], facing[e, 1] - normals[i, 1]
-            away = dx * dx + dy * dy + turn_px * turn_px * (du * du + dv * dv)
-            if away < best:
-                best, nearest[i] = away, e
-    return nearest

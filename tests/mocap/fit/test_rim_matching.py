@@ -13,11 +13,11 @@ from services.mocap.body.kinematics import N_DOF, surface_transforms
 from services.mocap.body.shape_space import GENERIC_ACTOR, PARAMETERS, body_of
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.fit.contours import Contour, contours_of, outline_of
+from services.mocap.fit.contours import Contour, contours_of, nearest_facing, outline_of
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.normal_equations import normal_sums
 from services.mocap.fit.rim import PosedSurface, Rim
-from services.mocap.fit.rim_matching import Matches, match_frames, nearest_edges
+from services.mocap.fit.rim_matching import Matches, match_frames
 from services.mocap.types import Floats
 
 _ALL = tuple(range(len(PARAMETERS)))
@@ -68,12 +68,32 @@ def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., 
 def test_every_outline_point_has_a_surface_that_makes_it(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(1, 1)
     for rim in rims_of(person.body, person.poses[0], rig):
-        edges = nearest_edges(rim.points_px, rim.normals, rim.middles_px, rim.facing, 4.0, 3.0)
+        edges = nearest_facing(rim.points_px, rim.normals, rim.middles_px, rim.facing, 3.0, 4.0)
         found = edges >= 0
         assert found.mean() > 0.97
         away_px = np.linalg.norm(rim.points_px[found] - rim.middles_px[edges[found]], axis=1)
         assert np.median(away_px) < 1.0
         assert np.median(np.einsum("ni,ni->n", rim.normals[found], rim.facing[edges[found]])) > 0.9
+
+
+def test_the_nearest_of_points_that_face_alike_is_found() -> None:
+    rng = np.random.default_rng(0)
+
+    def some(n: int) -> tuple[Floats, Floats]:
+        angles_rad = rng.uniform(0.0, 2.0 * np.pi, n)
+        return rng.uniform(0.0, 50.0, (n, 2)), np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+
+    points_px, normals = some(200)
+    others_px, facing = some(300)
+    away_px, nearest = cKDTree(np.hstack([others_px, 5.0 * facing])).query(
+        np.hstack([points_px, 5.0 * normals])
+    )
+    assert np.array_equal(nearest_facing(points_px, normals, others_px, facing, 5.0, np.inf), nearest)
+    within = nearest_facing(points_px, normals, others_px, facing, 5.0, 4.0)
+    assert np.array_equal(within, np.where(away_px < 4.0, nearest, -1))
+    assert 0 < np.count_nonzero(within < 0) < 200
+    nobody = np.zeros((0, 2))
+    assert np.all(nearest_facing(points_px, normals, nobody, nobody, 5.0, np.inf) == -1)
 
 
 def test_who_reaches_a_camera_has_no_rim_there(rig: Rig, a_person: Callable[..., Any]) -> None:
