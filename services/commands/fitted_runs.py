@@ -25,7 +25,7 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.segmenter_name import READY
-from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, fit_take, init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, fit_other_way_round, refine_take
@@ -88,8 +88,7 @@ def fit_and_track(
         command = f"xormocap fit {take.folder}{'' if mesh is None else f' --mesh {mesh}'}"
         say(f"the body is fitted for this run; {command} stores one in the take")
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    usual = ROUGH_INIT_FRAMES if goes_on else DEFAULT_INIT_FRAMES
-    first = init_frames(take, start=job.frames.start, usual=usual)
+    first = init_frames(take, start=job.frames.start, is_refined_next=goes_on)
     work = partial(
         fit_take, silhouettes, first, engine, job.search, mesh=own, before=job.frames.stop,
         is_refined_next=goes_on,

@@ -36,12 +36,14 @@ _FITTED_LATER = (
 
 
 def init_frames(
-    take: Take, asked: int | None = None, start: int = 0, usual: int = DEFAULT_INIT_FRAMES
+    take: Take, asked: int | None = None, start: int = 0, *, is_refined_next: bool = False
 ) -> range:
-    """The frames for a fit: as many as requested, else as in take.toml, else as usual, from `start` on or,
-    near the end of the take, the last ones."""
+    """The frames for a fit: as many as requested, else as in take.toml, else ten, from `start` on or, near
+    the end of the take, the last ones; at most ROUGH_INIT_FRAMES if it is refined next."""
     n_frames = take.settings.frames
-    wanted = min(asked or take.settings.init_frames or usual, n_frames)
+    wanted = min(asked or take.settings.init_frames or DEFAULT_INIT_FRAMES, n_frames)
+    if is_refined_next:
+        wanted = min(wanted, ROUGH_INIT_FRAMES)
     first = min(start, n_frames - wanted)
     return range(first, first + wanted)
 

@@ -27,7 +27,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Floats, Mask
 from services.runs import fit_frames as fit_module
-from services.runs.fit import init_frames
+from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, init_frames
 from services.runs.fit_files import write_fit
 from services.runs.take_fit import TakeFit, concluded
 from services.runs.take_silhouettes import seen_of
@@ -39,10 +39,12 @@ def test_the_first_frames_are_those_of_take_toml_or_as_asked(walk: Path) -> None
     take = open_take(walk)
     assert init_frames(take) == range(3)
     assert init_frames(take, 2) == range(2)
-    untold = Take(walk, take.settings.model_copy(update={"init_frames": None}), take.cameras, take.source)
-    assert init_frames(untold, usual=2) == range(2)
+    longer = take.settings.model_copy(update={"init_frames": None, "frames": 40})
+    untold = Take(walk, longer, take.cameras, take.source)
+    assert init_frames(untold) == range(DEFAULT_INIT_FRAMES)
+    assert init_frames(untold, is_refined_next=True) == range(ROUGH_INIT_FRAMES)
     told = Take(walk, take.settings.model_copy(update={"init_frames": 1}), take.cameras, take.source)
-    assert init_frames(told) == init_frames(told, usual=2) == range(1)
+    assert init_frames(told) == init_frames(told, is_refined_next=True) == range(1)
     assert init_frames(told, 2) == range(2)
 
 

@@ -19,8 +19,9 @@ from services.mocap.search.typical_poses import first_apart, typical_poses
 from services.mocap.types import Floats
 
 _HEADINGS = 16
-_MOST_ALIGNED, _MOST_SEARCHED = 32, 6
-"""Number of starts that are aligned, and of their results that are searched further."""
+_MOST_ALIGNED, _MOST_SEARCHED, _MOST_SEARCHED_OF_HEADING = 32, 6, 3
+"""Number of starts that are aligned, and of their results that are searched further; fewer with a known
+heading."""
 AMBIGUOUS_SHARE = 0.05
 """Two opposite headings whose energies differ by less are ambiguous."""
 
@@ -57,7 +58,8 @@ def find_first_pose(
     weightless = np.flatnonzero(settings.cost.weights(model.rig.n_cameras) == 0)
     picture = picture.without_cameras(weightless.tolist())
     starts = _promising(model, picture, _starts(model, hull, settings.body, facing_rad), settings)
-    starts = first_apart(_aligned(model, picture, starts, settings), _MOST_SEARCHED, model.body.offsets_m)
+    n_searched = _MOST_SEARCHED if facing_rad is None else _MOST_SEARCHED_OF_HEADING
+    starts = first_apart(_aligned(model, picture, starts, settings), n_searched, model.body.offsets_m)
     found = [_first_look(model, picture, start, settings, limbs) for start in starts]
     found.sort(key=BY_ENERGY)
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)

@@ -73,11 +73,12 @@ class Tracker:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
         absent: cameras that are not used. known: a pose (D,) to begin with, too, as an earlier run found it
-        for this frame. other, thorough: as in solve_by_contours. hurried: limbs are not searched,
-        which takes several times as long as the rest. While the actor is lost, the torso is unreliable, which
-        stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
-        found.
+        for this frame; where a way back follows, which searches limbs again, they are then not searched.
+        other, thorough: as in solve_by_contours. hurried: limbs are not searched, which takes several times
+        as long as the rest. While the actor is lost, the torso is unreliable, which stands for the whole
+        body; where the body is not even near the silhouettes, the pose is the last one found.
         """
+        hurried = hurried or (known is not None and self._settings.goes_both_ways)
         picture, settings = self._model.without_cameras(seen, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:

@@ -74,6 +74,16 @@ def test_a_pose_that_an_earlier_run_found_is_begun_with(model: Model) -> None:
     np.testing.assert_allclose(wrong.pose, found.pose, atol=0.01)
 
 
+@pytest.mark.parametrize("both_ways", [False, True])
+def test_limbs_of_a_known_pose_are_left_to_the_way_back(model: Model, both_ways: bool) -> None:
+    here = _pose(model, 0.0, 0.5)
+    settings = SearchSettings(search_limbs="always", both_ways=both_ways)
+    tracker = Tracker(model, settings, LocalLimbs(model), here[None])
+    found = tracker.solve(_drawn(model, here), known=here)
+    assert (found.seconds["limbs"] > 0) is not both_ways
+    assert found.distrusted == []
+
+
 def test_a_late_frame_is_solved_in_a_hurry(model: Model) -> None:
     """No limb is searched in it, unless the body would be lost otherwise."""
     here, away = _pose(model, 0.0, 0.5), _pose(model, 0.6, -2.0)
