@@ -21,7 +21,7 @@ from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
     LOOK_S,
     Job,
-    Plan,
+    RunSetup,
     Words,
     keep_logs,
     run_services,
@@ -58,7 +58,7 @@ def live(
     """
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     nice = ("--nice", str(_NICENESS))
-    plan = Plan(
+    setup = RunSetup(
         source=job.config,
         endpoint=job.take.live.endpoint or free_endpoint(),
         coordinator=nice,
@@ -70,7 +70,7 @@ def live(
     )
     before_ns = written_ns(job.out)
     with recording_to(job.record):
-        logs, _, told = run_services(job, plan, show, warn)
+        logs, _, told = run_services(job, setup, show, warn)
     if job.record is not None and not part_of(job.record).exists():
         warn(f"{job.record}: no picture came, so nothing was recorded")
     elif job.record is not None:

@@ -71,7 +71,7 @@ class Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class RunSetup:
     """What tells one kind of run from another."""
 
     source: Path
@@ -95,7 +95,7 @@ class Plan:
 
 def run_services(
     job: Job,
-    plan: Plan,
+    setup: RunSetup,
     show: Callable[[Progress], None],
     warn: Callable[[str], None],
     started: Callable[[Launcher], None] = lambda _: None,
@@ -109,11 +109,11 @@ def run_services(
     logs = Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     try:
         with StopRequest() as stop, Launcher(logs, job.kinds, job.forks) as launcher:
-            if plan.actor is not None and job.search.detail_px > 0:
-                levels_of(build_body(plan.actor))
-            _start(launcher, job, plan)
+            if setup.actor is not None and job.search.detail_px > 0:
+                levels_of(build_body(setup.actor))
+            _start(launcher, job, setup)
             started(launcher)
-            told = _follow(launcher, job, plan, stop, show)
+            told = _follow(launcher, job, setup, stop, show)
             for service in ("segmentation", "coordinator", "recorder"):
                 for sentence in launcher.warnings(service):
                     warn(sentence)
@@ -122,19 +122,19 @@ def run_services(
     return logs, stop.count > 0, told
 
 
-def _start(launcher: Launcher, job: Job, plan: Plan) -> None:
+def _start(launcher: Launcher, job: Job, setup: RunSetup) -> None:
     """Start all processes of a run."""
-    source, connect = ("--take", str(plan.source)), ("--connect", _from_here(plan.endpoint))
+    source, connect = ("--take", str(setup.source)), ("--connect", _from_here(setup.endpoint))
     energy, keys = engine_arguments(job.engine), _keys(job)
     expected = ("--workers", str(job.workers), "--recorders", "1")
     settings = (*energy, *search_arguments(job.search), "--segmenter", job.segmenter)
     launcher.start(
-        "coordinator", *source, "--bind", plan.endpoint, *expected, *settings, *plan.coordinator, *keys
+        "coordinator", *source, "--bind", setup.endpoint, *expected, *settings, *setup.coordinator, *keys
     )
-    launcher.start("limb_worker", *connect, *energy, *plan.limb_worker, *keys, copies=job.workers)
-    for cameras in plan.segmentation:
-        start_segmentation(launcher, job, plan.source, _from_here(plan.endpoint), cameras)
-    results = ("--out", str(job.out), *output_arguments(job.output), *plan.recorder)
+    launcher.start("limb_worker", *connect, *energy, *setup.limb_worker, *keys, copies=job.workers)
+    for cameras in setup.segmentation:
+        start_segmentation(launcher, job, setup.source, _from_here(setup.endpoint), cameras)
+    results = ("--out", str(job.out), *output_arguments(job.output), *setup.recorder)
     launcher.start("recorder", *source, *connect, *results, *keys)
     if job.page is not None:
         page = ("--bind", job.page, "--results", str(job.out))
@@ -157,13 +157,13 @@ def _from_here(endpoint: str) -> str:
 
 
 def _follow(
-    launcher: Launcher, job: Job, plan: Plan, stop: StopRequest, show: Callable[[Progress], None]
+    launcher: Launcher, job: Job, setup: RunSetup, stop: StopRequest, show: Callable[[Progress], None]
 ) -> Telemetry | None:
     """Watch until all is written, or a second stop is requested; returns the last telemetry."""
     ended_s, keys = dict[str, float](), keys_of_client(job.keys, "viewer")
-    with closing(ProgressWatch(_from_here(plan.endpoint), keys, plan.first_frame)) as watch:
+    with closing(ProgressWatch(_from_here(setup.endpoint), keys, setup.first_frame)) as watch:
         while stop.count < 2:
-            if launcher.is_done("recorder") and all(map(launcher.has_ended, plan.lasting)):
+            if launcher.is_done("recorder") and all(map(launcher.has_ended, setup.lasting)):
                 break
             launcher.watch(over=SERVICES if "recorder" in ended_s else ())
             watch.listen(LOOK_S)
@@ -177,7 +177,7 @@ def _follow(
             if "coordinator" in ended_s:
                 alone_s = time.monotonic() - ended_s["coordinator"]
                 alone_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
-                if alone_s > plan.alone_s or (stop.count and not progress.has_poses):
+                if alone_s > setup.alone_s or (stop.count and not progress.has_poses):
                     launcher.tell_to_stop("recorder")  # it writes what it has
             elif "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
                 break

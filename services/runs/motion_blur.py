@@ -21,11 +21,10 @@ from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.rig import Rig
+from services.mocap.camera.rig import WORKING_WIDTH_PX, Rig
 from services.mocap.camera.undistort import undistorted_px
 from services.mocap.fit.contours import TURN_PX, Contour, evenly, nearest_facing
 from services.mocap.fit.rim import PosedSurface
-from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Trimap
@@ -127,7 +126,7 @@ def blur_of(outlines: Iterable[MovingOutline]) -> float:
 
 def without_smear(trimap: Trimap, outline: MovingOutline, blur: float) -> Trimap:
     """A trimap (h, w) without the actor's pixels that are nearer to the outline than it reaches too far."""
-    scale = trimap.shape[1] / REFERENCE_WIDTH_PX
+    scale = trimap.shape[1] / WORKING_WIDTH_PX
     fast_px = np.maximum(np.nan_to_num(np.abs(outline.speeds_px)) - _SETTLED_PX, 0.0)
     too_far_px = _ABSORBED * blur * scale * fast_px
     if not too_far_px.any():
@@ -159,7 +158,7 @@ class _MovingBody:
         is_end = row in {0, self._last}
 
         def outline(c: int) -> MovingOutline:
-            camera, scale = self._cameras[c], self._cameras[c].width_px / REFERENCE_WIDTH_PX
+            camera, scale = self._cameras[c], float(self._rig.scales[c])
             contour = Contour.of(trimaps[c] == ACTOR, scale, 0, trimaps[c] == UNSURE)
             points_px, normals, rim = contour.points_px, contour.normals, here.rim(self._rig, c)
             if len(points_px) == 0 or len(rim.edges) == 0:

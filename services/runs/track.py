@@ -18,7 +18,7 @@ from services.mocap.verdict.judging import CHECKS
 from services.mocap.verdict.verdict import Cause
 from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher, free_endpoint
-from services.runs.local_run import Job, Plan, keep_logs, run_services, written_ns
+from services.runs.local_run import Job, RunSetup, keep_logs, run_services, written_ns
 from services.runs.progress import Progress
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -57,9 +57,9 @@ def track(
     what was done by then is written.
     """
     with tempfile.TemporaryDirectory(prefix="xormocap-run-") as temporary:
-        plan = _plan(job, Path(temporary) / "known.json")
+        setup = _setup(job, Path(temporary) / "known.json")
         earlier = {folder: written_ns(folder) for folder in (job.out, partial_of(job.out))}
-        logs, was_stopped, _ = run_services(job, plan, show, warn, started)
+        logs, was_stopped, _ = run_services(job, setup, show, warn, started)
     folder = next((f for f, before in earlier.items() if written_ns(f) != before), None)
     if folder is not None:
         report = _completed(folder, job)
@@ -76,8 +76,8 @@ def track(
     raise ServiceFailedError(f"the run ended before its last frame was final; the logs are in {where}")
 
 
-def _plan(job: TakeJob, known: Path) -> Plan:
-    """The plan of a job; known: where the further entries of run.json are written."""
+def _setup(job: TakeJob, known: Path) -> RunSetup:
+    """The setup of a job; known: where the further entries of run.json are written."""
     fitted, frames = job.fitted, job.frames
     actor = take_actor(job.take, fitted)
     entries: dict[str, Any] = {CHECKS: [cause.model_dump() for cause in job.checks]}
@@ -90,7 +90,7 @@ def _plan(job: TakeJob, known: Path) -> Plan:
         of_segmentation += "--kept", str(job.kept)
     known.write_text(json.dumps(entries), encoding="utf-8")
     asked = ("--frames", f"{frames.start}:{frames.stop}")
-    return Plan(
+    return RunSetup(
         source=job.take.folder,
         endpoint=job.endpoint or free_endpoint(),
         coordinator=asked if fitted is None else (*asked, "--fitted", str(fitted)),

@@ -24,7 +24,7 @@ from services.mocap.calibration.rigid_transform import IDENTITY, RigidTransform,
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.fit.contours import contours_of, working_scales
+from services.mocap.fit.contours import contours_of
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.least_squares import CONTOUR_POINTS, mean_of_last
 from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State, System, normal_sums
@@ -118,7 +118,7 @@ def moves_px(cameras: tuple[Camera, ...], motions: Floats, points_m: Floats) -> 
         np.linalg.norm(camera.project_px(points_m + by_m) - camera.project_px(points_m), axis=1)
         for camera, by_m in zip(cameras, off_m, strict=True)
     ]
-    found: Floats = np.nanmedian(off_px, axis=1) / working_scales(Rig.of(cameras))
+    found: Floats = np.nanmedian(off_px, axis=1) / Rig.of(cameras).scales
     return found
 
 

@@ -12,6 +12,9 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
+WORKING_WIDTH_PX = 320
+"""What is measured in working pixels counts as in a picture of this width."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -40,6 +43,16 @@ class Rig:
         """(height, width) that hold every camera's whole picture."""
         width, height = self.sizes_px.max(axis=0)
         return int(height), int(width)
+
+    @property
+    def scales(self) -> Floats:
+        """(C,) pixels of each camera per working pixel."""
+        return np.asarray(self.sizes_px[:, 0] / WORKING_WIDTH_PX, np.float64)
+
+    @property
+    def scale(self) -> float:
+        """Pixels of the widest camera per working pixel."""
+        return self.shape_px[1] / WORKING_WIDTH_PX
 
     def to_json(self) -> str:
         """The rig as JSON text, for the wire."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit
-from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.types import Floats, Ints, Longs, Mask
 
 BORDER_PX = 2.0
@@ -117,15 +116,9 @@ def nearest_facing(
     return nearest
 
 
-def working_scales(rig: Rig) -> Floats:
-    """(C,) pixels of a camera per working pixel, which is one of a picture 320 pixels wide."""
-    scales: Floats = rig.sizes_px[:, 0] / REFERENCE_WIDTH_PX
-    return scales
-
-
 def contours_of(rig: Rig, seen: TriPlanes, n_chosen: int) -> list[list[Contour]]:
     """Per frame and camera the contour of what is seen (F, P, H, W)."""
-    scales = working_scales(rig)
+    scales = rig.scales
 
     def contour(planes: TriPlanes, c: int) -> Contour:
         width, height = rig.sizes_px[c]

@@ -11,8 +11,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.take.marks import LIMB_NAMES, LimbName
 from services.mocap.types import Floats, Ints
 
-REFERENCE_WIDTH_PX = 320
-"""Windows are as large as skeleton_table.py says at this picture width, and scale with it."""
 _REFERENCE_CAMERAS = 8
 
 ALL_SURFACES: tuple[int, ...] = tuple(range(len(SURFACE_FRAMES)))
@@ -27,7 +25,7 @@ class Stage:
     surfaces: tuple[int, ...]
     """What moves, drawn at every evaluation: segments, and the cloth that they move."""
     window_px: int
-    """Window size at REFERENCE_WIDTH_PX; 0: no window, the whole picture at half resolution."""
+    """Window size in working pixels; 0: no window, the whole picture at half resolution."""
 
     @property
     def others(self) -> tuple[int, ...]:
@@ -88,13 +86,13 @@ LIMBS: dict[LimbName, Limb] = {name: Limb(*_stages(name)) for name in LIMB_NAMES
 
 
 def pixel_scale(rig: Rig) -> float:
-    """How many pixels of a rig's pictures stand for one pixel of eight pictures of REFERENCE_WIDTH_PX."""
-    return (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
+    """How many pixels of a rig's pictures stand for one working pixel of eight pictures."""
+    return rig.scale**2 * rig.n_cameras / _REFERENCE_CAMERAS
 
 
 def window_size_px(stage: Stage, rig: Rig) -> int:
     """A stage's window size for a rig's pictures."""
-    return round(stage.window_px * rig.shape_px[1] / REFERENCE_WIDTH_PX)
+    return round(stage.window_px * rig.scale)
 
 
 def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:

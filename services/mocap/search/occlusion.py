@@ -14,7 +14,6 @@ from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.search.model import Model
 from services.mocap.types import Bytes, Floats, Mask
 
@@ -67,8 +66,7 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
     often = n_covered >= max(min(_LEAST_FRAMES, n_frames), 1, _LEAST_SHARE * n_frames)
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
-    scales = rig.sizes_px[:, 0] / REFERENCE_WIDTH_PX
-    large = [large_pieces(mask, _LEAST_PX * scale**2) for mask, scale in zip(hidden, scales, strict=True)]
+    large = [large_pieces(mask, _LEAST_PX * scale**2) for mask, scale in zip(hidden, rig.scales, strict=True)]
     return widened(np.array(large), _AROUND_PX, rig)
 
 
@@ -92,5 +90,5 @@ def large_pieces(mask: Mask, least_px: float) -> Bytes:
 
 def disc(radius_px: float, rig: Rig, camera: int) -> Bytes:
     """A round kernel for a camera's picture; its radius is given for pictures 320 wide."""
-    size = 1 + 2 * max(1, round(radius_px * rig.sizes_px[camera, 0] / REFERENCE_WIDTH_PX))
+    size = 1 + 2 * max(1, round(radius_px * rig.scales[camera]))
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

@@ -36,7 +36,7 @@ from services.mocap.search.alignment.matching import (
 )
 from services.mocap.search.alignment.pose_prices import PosePrices, contact_px, prices_px
 from services.mocap.search.alignment.solving import follow
-from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
@@ -98,7 +98,7 @@ class Aligner:
         """thinned: with levels of detail, which take about a second for a new body."""
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, (self._scratch,) = prepared(body, thinned)
-        self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
+        self._scale = rig.scale
         levels = levels_of(body) if thinned else ()
         self._rims = _rim_of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)), _rim_of(body)
         self._contacts = Contacts.of(body)

@@ -15,7 +15,6 @@ import numpy as np
 
 from services.mocap.camera.rig import Rig
 from services.mocap.search.alignment.contacts import Contacts, add_contacts, depths_m
-from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.search.pose_prior import PosePrior, add_pose_prior, pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
@@ -35,7 +34,7 @@ class PosePrices(NamedTuple):
     @classmethod
     def of(cls, contacts: Contacts, rig: Rig, settings: SearchSettings) -> "PosePrices":
         """Weights grow with the cameras and with the cube of the resolution, as the contours' pull does."""
-        unit = _camera_weight(rig, settings) * _scale(rig) ** 3
+        unit = _camera_weight(rig, settings) * rig.scale**3
         contact_weight = _CONTACT_WEIGHT * settings.contact * unit
         return cls(contacts, contact_weight, pose_prior(), settings.pose_prior * unit)
 
@@ -54,20 +53,16 @@ def contact_px(
 ) -> Floats:
     """(N, 4) what limbs (LIMB_NAMES) cost for being inside others in poses (N, D)."""
     depths_cm = 100.0 * depths_m(contacts, offsets_m, poses)
-    return np.asarray(settings.contact * _camera_weight(rig, settings) * _scale(rig) ** 2 * depths_cm)
+    return np.asarray(settings.contact * _camera_weight(rig, settings) * rig.scale**2 * depths_cm)
 
 
 def prices_px(
     contacts: Contacts, offsets_m: Floats, poses: Floats, rig: Rig, settings: SearchSettings
 ) -> Floats:
     """(N,) all prices of poses (N, D) together."""
-    unusual_px = settings.pose_prior * _camera_weight(rig, settings) * _scale(rig) ** 2 * surprises(poses)
+    unusual_px = settings.pose_prior * _camera_weight(rig, settings) * rig.scale**2 * surprises(poses)
     return np.asarray((contact_px(contacts, offsets_m, poses, rig, settings) + unusual_px).sum(axis=1))
 
 
 def _camera_weight(rig: Rig, settings: SearchSettings) -> float:
     return float(settings.cost.weights(rig.n_cameras).sum())
-
-
-def _scale(rig: Rig) -> float:
-    return float(rig.shape_px[1] / REFERENCE_WIDTH_PX)
