@@ -11,5 +11,6 @@ def few_starts() -> Iterator[None]:
     """In this process, a search for a first pose begins with fewer starts."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("services.mocap.search.first_pose._MOST_ALIGNED", 8)
-        patched.setattr("services.mocap.search.first_pose._MOST_SEARCHED", 2)
+        for name in ("_MOST_SEARCHED", "_MOST_SEARCHED_OF_HEADING"):
+            patched.setattr(f"services.mocap.search.first_pose.{name}", 2)
         yield

@@ -46,11 +46,8 @@ def stretch(
     progress: Callable[[float], None],
     body: BodyName,
     height_m: float | None,
-    *,
-    is_refined_next: bool,
 ) -> Fit:
     """In place of the fit: another height, all frames in the first pose."""
-    del is_refined_next  # it is as rough either way
     assert seen.silhouettes.shape == seen.unsure.shape == (3, 1, *rig.shape_px)
     log.warning("something odd about %s", "cam01")
     assert body == QUICK.body

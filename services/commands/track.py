@@ -130,7 +130,7 @@ def track(
         forks = fork_server(job.kinds, Path(kept))  # it loads code while the actor is fitted
         if forks is not None:
             job = replace(job, forks=stack.enter_context(closing(forks)))
-        first = replace(job, overlay=False, report=False) if again else job  # they would be made twice
+        first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:
             report = fit_and_track(first, silhouettes, mesh, goes_on=again)
         else:

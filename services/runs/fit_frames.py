@@ -67,10 +67,7 @@ def fit_frames(
         with clock.stage("fitting the actor") as progress:
 
             def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
-                return fit_actor(
-                    rig, seen, actor, pose, told, search.body, hints.actor_height,
-                    is_refined_next=is_refined_next,
-                )  # fmt: skip
+                return fit_actor(rig, seen, actor, pose, told, search.body, hints.actor_height)
 
             @cache
             def later() -> list[TriPlanes]:

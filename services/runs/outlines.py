@@ -1,7 +1,7 @@
 """The outlines of a take's silhouettes, each camera's made without the help of the others."""
 
 from collections.abc import Callable, Mapping
-from itertools import count, islice
+from itertools import islice
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.fit.contours import evenly
-from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask, Trimap
 from services.segmentation.segmenters import AUTO, make_segmenter
@@ -34,19 +33,17 @@ def outlines_of(
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
+    outlines: list[list[Outline | None]] = []
     kept = evenly(len(frames), _KEPT).tolist()
     some_trimaps: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
-    done = count(1)
-
-    def of_camera(c: int) -> list[Outline | None]:
-        alone = make_segmenter(take, [take.cameras[c]], segmenter).knowing(moved or {})
+    for c, camera in enumerate(take.cameras):
+        alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
         trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
-        outlines: list[Outline | None] = []
+        of_camera: list[Outline | None] = []
         for n, (trimap,) in enumerate(trimaps):
-            outlines.append(outline_of(trimap, cameras[c]))
+            of_camera.append(outline_of(trimap, cameras[c]))
             if n in kept:
                 some_trimaps[kept.index(n), c] = in_common_size(trimap, width_px, height_px)
-        progress(next(done) / len(cameras))
-        return outlines
-
-    return cameras, side_by_side(of_camera, range(len(cameras))), some_trimaps
+        outlines.append(of_camera)
+        progress((c + 1) / len(take.cameras))
+    return cameras, outlines, some_trimaps

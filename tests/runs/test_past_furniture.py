@@ -46,7 +46,7 @@ def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: 
     bent[:, DOF_INDEX["right_knee_flexion"]] += np.radians(100)
     unsure_px = list[int]()
 
-    def fitter(rig: Rig, seen: TriPlanes, actor: Actor, _poses: Floats, *_: Any, **__: Any) -> Fit:
+    def fitter(rig: Rig, seen: TriPlanes, actor: Actor, _poses: Floats, *_: Any) -> Fit:
         unsure_px.append(np.count_nonzero(seen.unsure))
         poses = (truth if seen.unsure.any() and is_better else bent)[: len(seen)]
         quality = quality_of(build_body(actor), poses, rig, seen)

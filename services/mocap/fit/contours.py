@@ -25,8 +25,8 @@ _LEAST_STEEP = 0.02
 _ROOM_PX = 8
 """Margin around the actor when a picture is cropped: more than normals reach."""
 TURN_PX = 12.0
-"""How many working pixels a turn by a radian counts for, when the nearest point of an outline is looked
-for."""
+"""How many working pixels a small turn, by a radian, counts for when the nearest point of an outline is
+looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,8 @@ def nearest_facing(
 ) -> Longs:
     """(N,) which of M other points (M, 2) is nearest to each of some points (N, 2); -1 if none is in reach.
 
-    Both have unit vectors: by how much these differ counts as a distance too, turn_px times.
+    Both have unit vectors. The distance is sqrt(|p - q|^2 + turn_px^2 |n - m|^2) of points p, q with unit
+    vectors n, m; reach_px limits it.
     """
     order = np.argsort(others_px[:, 1])  # people are upright, so few points are at one height
     heights = others_px[order, 1]

@@ -66,26 +66,23 @@ def fit_actor(
     height_m: float | None = None,
     *,
     apart: bool = False,
-    is_refined_next: bool = False,
 ) -> Fit:
     """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), starting from an actor and poses
     near them.
 
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
     called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. apart:
-    whether the frames are from a whole motion, so that the prior on shapes counts less. is_refined_next:
-    whether another fit follows, so that the last stage can be left out. A result with clearly more energy
-    than the start, in the first frame's pose if no other is given, is dropped for the start. Raises
-    ValueError for inconsistent array shapes.
+    whether the frames are from a whole motion, so that the prior on shapes counts less. A result with clearly
+    more energy than the start, in the first frame's pose if no other is given, is dropped for the start.
+    Raises ValueError for inconsistent array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
     if starts.shape != (n_frames, len(ALL_DOFS)):
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
     starts = pose_of_body(clip_to_limits(starts), body)
-    contours = contours_of(rig, seen, CONTOUR_POINTS)
-    shaping = _of_body(_SHAPING[:-1] if is_refined_next else _SHAPING, body)
-    step = _step_counter(progress, n_frames, shaping, n_starts=2 if following else 1)
+    contours, shaping = contours_of(rig, seen, CONTOUR_POINTS), _of_body(_SHAPING, body)
+    step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, partial(step, 1), body, start)
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
@@ -143,13 +140,11 @@ def _of_body(stages: tuple[FitStage, ...], body: BodyName) -> tuple[FitStage, ..
     )
 
 
-def _step_counter(
-    progress: Callable[[float], None], n_frames: int, shaping: tuple[FitStage, ...], n_starts: int
-) -> Callable[[int], None]:
+def _step_counter(progress: Callable[[float], None], n_frames: int, n_starts: int) -> Callable[[int], None]:
     """A function to call at every step with its number of frames, which reports the share that is done."""
     followed = 1 + n_starts * (n_frames - 2) if n_frames > 1 else 0  # the second frame has one start
     total = sum(stage.steps for stage in _PLACING) + followed * sum(stage.steps for stage in _FOLLOWING)
-    total += n_frames * sum(stage.steps for stage in shaping)
+    total += n_frames * sum(stage.steps for stage in _SHAPING)
     done = 0
 
     def step(frames: int) -> None:

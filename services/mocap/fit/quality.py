@@ -1,6 +1,5 @@
 """The quality of a fit, and in which skirt it is best."""
 
-from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,7 +12,7 @@ from services.mocap.energy.bitplanes import TriPlanes, count_bits, count_by_came
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 _LENGTHS_HEIGHTS = (0.18, 0.21, 0.24, 0.27, 0.30, 0.33, 0.36, 0.39, 0.42)
 _FLARES_HEIGHTS = (0.0, 0.025, 0.05, 0.08)
@@ -37,7 +36,10 @@ class FitQuality:
 
 def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuality:
     """Compare a body in poses (F, D) with what is seen (F, P, H, W); unsure pixels do not count."""
-    drawn, counted = _drawn(body, poses, rig), _counted(rig, seen)
+    backend = CpuBackend(body, rig)
+    drawn = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
+    backend.close()
+    counted = ~(Region.whole(rig).outside(rig) | seen.unsure)
     both, either = (
         np.array([count_by_camera(planes, rig.n_cameras) for planes in frames], np.float64)
         for frames in (drawn & seen.silhouettes & counted, (drawn | seen.silhouettes) & counted)
@@ -47,31 +49,13 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
     return FitQuality((either - both).sum(axis=1), np.array(unexplained_px), iou)
 
 
-def _drawn(body: Body, poses: Floats, rig: Rig) -> Bytes:
-    """(F, P, H, W) what a body covers in poses (F, D)."""
-    with closing(CpuBackend(body, rig)) as backend:
-        return backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
-
-
-def _counted(rig: Rig, seen: TriPlanes) -> Bytes:
-    """(F, P, H, W) the pixels that count, of what is seen."""
-    return np.asarray(~(Region.whole(rig).outside(rig) | seen.unsure))
-
-
 def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor:
     """The actor in the skirt that fits silhouettes (F, P, H, W) best in poses (F, D), or without one."""
 
-    def body_in(skirt: Skirt | None) -> Body:
-        return build_body(actor.wearing(skirt))
-
     @cache
     def energy_px(skirt: Skirt | None) -> float:
-        return float(quality_of(body_in(skirt), poses, rig, seen).energy_px.sum())
+        return float(quality_of(build_body(actor.wearing(skirt)), poses, rig, seen).energy_px.sum())
 
-    widest = Skirt(length=_LENGTHS_HEIGHTS[-1], flare=_FLARES_HEIGHTS[-1])  # covers what any other does
-    added = _drawn(body_in(widest), poses, rig) & ~_drawn(body_in(None), poses, rig)
-    if count_bits(added & seen.silhouettes & _counted(rig, seen)) < _LEAST_GAIN * energy_px(None):
-        return actor.wearing(None)
     lengths = [Skirt(length=length, flare=_FIRST_FLARE_HEIGHTS) for length in _LENGTHS_HEIGHTS]
     length = min(lengths, key=energy_px).length
     best = min((Skirt(length=length, flare=flare) for flare in _FLARES_HEIGHTS), key=energy_px)

@@ -125,8 +125,8 @@ class _Search:
         return found
 
     def without_agreed(self, parts: list[Part], best: _Seen) -> list[Part]:
-        """Some parts without the limbs whose joints the other track has in the same place: it has searched
-        what differs there, or a thorough search will."""
+        """Some parts without the limbs whose joints the other track has in the same place: it, or the run
+        before it, has searched what differs there, or a thorough search will."""
         if self._other is None:
             return parts
         off_m = apart_m(best.pose, self._other, self.model.body.offsets_m)

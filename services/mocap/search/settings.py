@@ -42,7 +42,8 @@ class SearchSettings(StrictModel):
         default="in doubt", description='"in doubt", "always" or "never"'
     )
     """Which limbs contours searches by XOR: those near differences, all in every frame, or none. Live frames
-    that are late are solved with none."""
+    that are late are solved with none, and so are, before a way back, frames whose poses an earlier run knows
+    and that do not look doubtful."""
     contour_steps: int = Field(default=8, ge=2, le=100, description="an integer from 2 to 100")
     """Steps of an alignment with the contours."""
     contour_reach_px: int = Field(default=16, ge=2, le=64, description="an integer from 2 to 64")

@@ -73,12 +73,14 @@ class Tracker:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
         absent: cameras that are not used. known: a pose (D,) to begin with, too, as an earlier run found it
-        for this frame; where a way back follows, which searches limbs again, they are then not searched.
-        other, thorough: as in solve_by_contours. hurried: limbs are not searched, which takes several times
-        as long as the rest. While the actor is lost, the torso is unreliable, which stands for the whole
-        body; where the body is not even near the silhouettes, the pose is the last one found.
+        for this frame. other, thorough: as in solve_by_contours. hurried: limbs are not searched, which takes
+        several times as long as the rest. While the actor is lost, the torso is unreliable, which stands for
+        the whole body; where the body is not even near the silhouettes, the pose is the last one found.
+
+        Limbs that the earlier run has searched are left to the way back, if one follows, unless a part is
+        doubtful.
         """
-        hurried = hurried or (known is not None and self._settings.goes_both_ways)
+        is_searched = known is not None and self._settings.goes_both_ways
         picture, settings = self._model.without_cameras(seen, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:
@@ -89,8 +91,11 @@ class Tracker:
                 self._model, picture, starts, by, self._limbs, self._trust, other, thorough=thorough
             )
 
-        solution = solved(settings.aligned_only() if hurried else settings)
-        if hurried and "torso" in solution.distrusted:  # perhaps because of its limbs
+        usual = self._trust.as_lists()
+        solution = solved(settings.aligned_only() if hurried or is_searched else settings)
+        is_doubtful = bool(solution.distrusted) if is_searched else "torso" in solution.distrusted
+        if (hurried or is_searched) and is_doubtful:  # perhaps because of its limbs
+            self._trust.recall(usual)  # what differs without them is not usual
             solution = solved(settings)
         is_lost = "torso" in solution.distrusted
         if is_lost or self._lost_frames:

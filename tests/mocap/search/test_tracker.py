@@ -10,7 +10,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SURFACES
+from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -81,6 +81,17 @@ def test_limbs_of_a_known_pose_are_left_to_the_way_back(model: Model, both_ways:
     tracker = Tracker(model, settings, LocalLimbs(model), here[None])
     found = tracker.solve(_drawn(model, here), known=here)
     assert (found.seconds["limbs"] > 0) is not both_ways
+    assert found.distrusted == []
+
+
+def test_a_limb_of_a_known_pose_is_searched_if_it_looks_doubtful(model: Model) -> None:
+    here = _pose(model, 0.0, 0.5)
+    lost = here.copy()
+    lost[list(LIMBS["left_arm"].main.dofs)] = np.radians([80.0, 60.0, 0.0, 20.0])
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), lost[None])
+    found = tracker.solve(_drawn(model, here), known=lost)
+    off_m = np.diff(joint_positions(np.stack([found.pose, here]), model.body.offsets_m), axis=0)
+    assert 1000 * np.linalg.norm(off_m, axis=-1).max() < 30
     assert found.distrusted == []
 
 
