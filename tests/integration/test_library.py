@@ -106,7 +106,7 @@ def test_an_actor_is_fitted_again_where_it_was_tracked(take: Take, tracked: Path
     off_mm = 1000.0 * np.linalg.norm(joints_take_m - reference[list(found.frames)], axis=2)
     assert off_mm.mean() < 15.0
     energies_px = [quality.energy_px.sum() for quality in (found.fit.before, found.fit.after)]
-    assert energies_px[1] == pytest.approx(energies_px[0], rel=0.01)  # the run had the very body
+    assert energies_px[1] < 1.01 * energies_px[0]  # the run had the very body
     with pytest.raises(UserError, match="expected at least 2 with --refine"):
         refine(take, tracked, n_frames=1)
 
