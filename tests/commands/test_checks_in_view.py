@@ -111,7 +111,7 @@ def test_the_commands_begin_there_and_fit_the_body_to_the_first_frames_that_they
     assert run("track", "--frames", "3:9") == (range(3, 13), 9)
     changed(_nobody)
     assert run("track") == (range(20, 30), 34)
-    assert run("track", "--no-check") == (range(5), 34), "roughly, before a second fit"
+    assert run("track", "--no-check") == (range(5), 34), "a second fit follows"
     assert run("fit", "--frames", 4) == (range(20, 24), None)
     assert run("fit", "--frames", 4, "--no-check") == (range(4), None)
 
