@@ -17,7 +17,6 @@ _POOL = ThreadPoolExecutor(N_CORES, "side-by-side")
 def side_by_side(work: Callable[[_Given], _Made], given: Iterable[_Given]) -> list[_Made]:
     """What work makes of each, in order; raises what it raises first.
 
-    The work must not call this function, unless with one thing, which the calling thread works on.
+    The work must not call this function.
     """
-    each = list(given)
-    return [work(each[0])] if len(each) == 1 else list(_POOL.map(work, each))
+    return list(_POOL.map(work, given))
