@@ -49,26 +49,26 @@ def as_opencap(folder: Path, protocol: int = 4) -> Path:
     return folder / "opencap"
 
 
-def as_vicon(folder: Path) -> Path:
+def as_vicon(folder: Path, per_px: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Path:
     """Quaternion x, y, z, w from world to camera, position in millimetres; a marker camera is among them."""
     tags = []
     for one in CAMERAS:
         (fx, _, cx), (_, fy, cy), _ = one.K
-        k1, k2, *_ = one.distortion
         fields = {
             "FOCAL_LENGTH": fx,
-            "PRINCIPAL_POINT": f"{cx} {cy}",
-            "VICON_RADIAL2": f"ViconRadial2 {cx} {cy} {k1} {k2} 0",
+            "FRAME": 0,
             "ORIENTATION": " ".join(map(str, Rotation.from_matrix(one.R_camera_world).as_quat())),
             "POSITION": " ".join(map(str, 1000 * one.centre_world_m)),
+            "PRINCIPAL_POINT": f"{cx} {cy}",
+            "VICON_RADIAL2": " ".join(map(str, ("Vicon3Parameter", cx, cy, *per_px))),
             "WORLD_ERROR": 0.1,
         }
         frame = "".join(f' {key}="{value}"' for key, value in fields.items())
         tags.append(
-            f'<Camera DEVICEID="{one.name}" TYPE="VideoInputDevice:Vue" SENSOR_SIZE="1920 1080" '
-            f'PIXEL_ASPECT_RATIO="{fx / fy}"><KeyFrames><KeyFrame{frame}/></KeyFrames></Camera>'
+            f'<Camera DEVICEID="{one.name}" DISPLAY_TYPE="Vue" PIXEL_ASPECT_RATIO="{fx / fy}" '
+            f'SENSOR_SIZE="1920 1080" TYPE="Vue_VIDEO"><KeyFrames><KeyFrame{frame}/></KeyFrames></Camera>'
         )
-    marker = tags[0].replace("VideoInputDevice:Vue", "Vantage").replace(CAMERAS[0].name, "21")
+    marker = tags[0].replace("Vue", "Vantage").replace("_VIDEO", "").replace(CAMERAS[0].name, "21")
     path = folder / "session.xcp"
     path.write_text(f"<Cameras>{marker}{''.join(tags)}</Cameras>")
     return path
@@ -140,10 +140,37 @@ def as_opencv_tutorial(folder: Path) -> Path:
 def test_cameras_of_more_tools_see_what_they_saw(tmp_path: Path, write: Callable[[Path], Path]) -> None:
     found, remarks = read(write(tmp_path), up=None, size_px=(1920, 1080))
     assert [one.name for one in found] == [one.name for one in CAMERAS]
-    lens = (1, 1, 0, 0) if write is as_vicon else (1, 1, 1, 1)  # Vicon's has no tangential terms
     for one, true in zip(found, CAMERAS, strict=True):
-        same(one, replace(true, distortion=true.distortion * lens))
+        same(one, replace(true, distortion=np.zeros(4)) if write is as_vicon else true)
     assert not any("look away" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    "per_px",
+    [
+        (2.8e-7, 7.6e-14, 7.8e-20),  # as of a wide video camera: corners are 1.6 times as far out
+        (1e-8, 0.0, 0.0),
+        (-6e-8, 1e-14, 0.0),  # a pincushion
+    ],
+)
+def test_vicons_lens_corrects_points_of_the_picture(tmp_path: Path, per_px: tuple[float, ...]) -> None:
+    """x 1 + k1 r^2 + k2 r^4 + k3 r^6, r px from the principal point, is where a pinhole sees the point."""
+    points_px = np.array([[0.0, 0], [1919, 0], [0, 1079], [1919, 1079], [960, 0], [300, 800], [960, 540]])
+    for one, true in zip(read(as_vicon(tmp_path, per_px), up=None)[0], CAMERAS, strict=True):
+        focal_px, centre_px = np.diag(true.K)[:2], true.K[:2, 2]
+        from_centre_px = points_px - centre_px
+        radii_px = np.linalg.norm(from_centre_px * focal_px[0] / focal_px, axis=1)
+        times = 1 + radii_px[:, None] ** [2, 4, 6] @ per_px
+        rays = np.column_stack([from_centre_px * times[:, None] / focal_px, np.ones(len(points_px))])
+        seen_px, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), one.K, one.distortion)
+        np.testing.assert_allclose(seen_px[:, 0], points_px, atol=1.2)
+
+
+def test_coefficients_that_are_not_vicons_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        CalibrationError, match=r"VICON_RADIAL: moves a point of the picture to .* expected Vicon's"
+    ):
+        read(as_vicon(tmp_path, (-0.1, 0.05, 0.0)))
 
 
 @pytest.mark.parametrize("write", [as_qualisys, as_vicon, as_opencap, as_biocv])

@@ -13,7 +13,7 @@ from services.mocap.camera.formats.parsing import array_of, text_of
 from services.mocap.errors import CalibrationError, nearest
 from services.mocap.types import Floats
 
-_CAMERAS, _IMAGES = "cameras.txt", "images.txt"
+_CAMERAS, _IMAGES, _BINARY = "cameras.txt", "images.txt", "images.bin"
 _HALF_PX = 0.5
 # The parameters of each model in their order; f is both fx and fy.
 _MODELS: dict[str, tuple[str, ...]] = {
@@ -31,6 +31,11 @@ _MODELS: dict[str, tuple[str, ...]] = {
 
 def read_colmap(folder: Path) -> Loose:
     """A camera for every image, named after its folder if each image has its own folder."""
+    if not (folder / _IMAGES).exists():
+        raise CalibrationError(
+            f"{folder}: is COLMAP's binary model: expected its text model: type: colmap model_converter "
+            f"--input_path {folder} --output_path {folder} --output_type TXT"
+        )
     lenses = {row[0]: row[1:] for row in _rows(folder / _CAMERAS)}
     images = _rows(folder / _IMAGES, every=2)
     files = [PurePosixPath(" ".join(row[9:])) for row in images]
@@ -55,7 +60,11 @@ def read_colmap(folder: Path) -> Loose:
     return Loose(cameras, None, is_scale_arbitrary=True, remarks=(remark,))
 
 
-COLMAP = Reader(read_colmap, lambda path: (path / _IMAGES).exists(), (f"{_CAMERAS} with {_IMAGES}",))
+COLMAP = Reader(
+    read_colmap,
+    lambda path: (path / _IMAGES).exists() or (path / _BINARY).exists(),
+    (f"{_CAMERAS} with {_IMAGES}",),
+)
 
 
 def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> LooseCamera:

@@ -14,7 +14,7 @@ _NAMES = ("name", "port", "cam_id")
 
 
 def read_toml(path: Path, *, needs_pose: bool = True) -> Loose:
-    """Every table with a matrix and distortions; those with ignore = true are left out.
+    """Every table with a lens (matrix, distortions) but those with ignore = true.
 
     needs_pose: whether those without a pose are left out, too.
     """
@@ -23,6 +23,8 @@ def read_toml(path: Path, *, needs_pose: bool = True) -> Loose:
     for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
             remarks.append(f"{path}: [{key}]: has ignore = true and is skipped")
+        elif not table.keys() >= _LENS:
+            remarks.append(f"{path}: [{key}]: has no lens (matrix, distortions) and is left out")
         elif "rotation" not in table and "translation" not in table:
             if needs_pose:
                 unposed.append(key)
@@ -48,7 +50,7 @@ def _tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, dict[str
     for key, table in tables.items():
         if not isinstance(table, dict):
             continue
-        if table.keys() >= _LENS:
+        if table.keys() >= _LENS or "size" in table:
             yield f"{before}{key}", table
         else:
             yield from _tables(table, f"{before}{key}.")

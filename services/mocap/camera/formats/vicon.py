@@ -1,7 +1,9 @@
 """Vicon's calibration, .xcp: XML in millimetres, with OpenCV's camera axes.
 
 ORIENTATION is a quaternion (x, y, z, w) that rotates from the world to the camera, POSITION the camera's
-centre in the world.
+centre in the world. VICON_RADIAL corrects a point of the picture whose distance from PRINCIPAL_POINT is r px:
+it lies 1 + k1 r^2 + k2 r^4 + k3 r^6 times as far from it for a camera without distortion. OpenCV's
+coefficients say the opposite, where a point lies in the picture, and are fitted to it.
 """
 
 from pathlib import Path
@@ -16,6 +18,8 @@ from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
 _SUFFIXES = (".xcp",)
+_RADII = 200
+_LARGEST_CORRECTION = 4.0
 
 
 def read_vicon(path: Path) -> Loose:
@@ -52,21 +56,39 @@ def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
     if not np.any(quaternion):
         raise CalibrationError(f"{where}: ORIENTATION: is zero: expected a camera that Vicon has calibrated")
     R = np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
+    reach_px = float(np.hypot(max(cx, width - cx), max(cy, height - cy)))
     return LooseCamera(
         name=tag.get("DEVICEID", "?"),
         K=np.array([[focal_px, 0.0, cx], [0.0, focal_px / aspect, cy], [0.0, 0.0, 1.0]]),
-        distortion=_distortion(where, frame),
+        distortion=_distortion(where, frame, focal_px, reach_px),
         R=R,
         t=-R @ numbers(frame, "POSITION", 3),
         size_px=(round(width), round(height)),
     )
 
 
-def _distortion(where: str, frame: Element) -> Floats:
-    """(5,) of VICON_RADIAL2 (a word, the middle, k1, k2, k3) or of the older VICON_RADIAL (k1, k2)."""
+def _distortion(where: str, frame: Element, focal_px: float, reach_px: float) -> Floats:
+    """(8,) OpenCV's coefficients: a radius u is divided by 1 + k4 u^2 + k5 u^4 + k6 u^6 in the picture.
+
+    reach_px: from the principal point to the farthest corner. VICON_RADIAL2 holds a word, the centre, k1, k2
+    and k3; the older VICON_RADIAL k1 and k2.
+    """
     if frame.get("VICON_RADIAL2"):
         radial = frame.get("VICON_RADIAL2", "").split()[3:6]
     else:
         radial = frame.get("VICON_RADIAL", "0 0").split()[:2]
-    k1, k2, k3 = array_of([*radial, 0, 0, 0][:3], (3,), f"{where}: VICON_RADIAL")
-    return np.array([k1, k2, 0.0, 0.0, k3])
+    per_px = array_of([*radial, 0, 0, 0][:3], (3,), f"{where}: VICON_RADIAL")
+    powers = np.array([2, 4, 6])
+    radii_px = np.linspace(0, reach_px, _RADII)[1:]
+    times = 1 + radii_px[:, None] ** powers @ per_px
+    if not 1 / _LARGEST_CORRECTION < times.min() <= times.max() < _LARGEST_CORRECTION:
+        raise CalibrationError(
+            f"{where}: VICON_RADIAL: moves a point of the picture to {times[np.abs(times - 1).argmax()]:.3g} "
+            "times its distance from the centre: expected Vicon's coefficients, of radii in pixels"
+        )
+    corrected = radii_px * times / focal_px
+    pixels_per_unit = radii_px / times  # what an error of the ratio moves in the picture
+    k4_to_k6 = np.linalg.lstsq(
+        corrected[:, None] ** powers * pixels_per_unit[:, None], (times - 1) * pixels_per_unit
+    )[0]
+    return np.concatenate([np.zeros(5), k4_to_k6])
