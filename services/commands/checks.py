@@ -16,7 +16,7 @@ from services.mocap.take.segmenter_name import KINDS, Kind
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
-from services.runs.take_silhouettes import TakeSilhouettes, seen_of
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of, trimaps_of
 from services.segmentation.segmenters import chosen_segmenter
 from services.segmentation.silhouettes import Segmenter
 
@@ -32,6 +32,7 @@ CheckOption: TypeAlias = Annotated[
 _MOST_FRAMES, _FEWEST_FRAMES = 60, 12
 _MOST_PX = 40 * 4 * 640 * 480
 """Pixels of videos that are segmented, in all cameras and frames together."""
+_FRAMES_FOR_FEET = 5
 _EVERY, _MOST_LOOKS = 10, 60
 """For the actor every tenth frame is looked at, but at most 60 frames of a take, because each look opens all
 videos."""
@@ -87,7 +88,7 @@ def _mistakes(
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
         moved = silhouettes.segmenter.moved()
-        cameras, outlines, some_trimaps = outlines_of(take, looked_at, progress, segmenter, moved)
+        cameras, outlines, _ = outlines_of(take, looked_at, progress, segmenter, moved)
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
@@ -96,7 +97,9 @@ def _mistakes(
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
-        yield from silhouette_faults(cameras, outlines, some_trimaps, moved)
+        some = looked_at[:: -(-len(looked_at) // _FRAMES_FOR_FEET)]
+        together = trimaps_of(take, some, silhouettes.segmenter, lambda _: None)
+        yield from silhouette_faults(cameras, outlines, together, moved)
 
 
 def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:

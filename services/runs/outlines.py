@@ -9,13 +9,9 @@ from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
-from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask, Trimap
 from services.segmentation.segmenters import AUTO, make_segmenter
-
-_KEPT = 3
-"""Frames whose trimaps are returned."""
 
 
 def outlines_of(
@@ -25,25 +21,24 @@ def outlines_of(
     segmenter: str = AUTO,
     moved: Mapping[str, Mask] | None = None,
 ) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
-    """The cameras without lens distortion, their outlines in some frames, and the trimaps of a few of these.
+    """The cameras without lens distortion, their outlines in some frames, and trimaps (C, H, W) of the middle
+    frame.
 
-    The trimaps (K, C, H, W) are those of the first, the middle and the last frame. progress: called with 0 to
-    1. moved: by camera the pixels (h, w) that show a moved object (Segmenter.moved), which one camera alone
-    takes for the actor; they are unsure.
+    progress: called with 0 to 1. moved: by camera the pixels (h, w) that show a moved object
+    (Segmenter.moved), which one camera alone takes for the actor; they are unsure.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
     outlines: list[list[Outline | None]] = []
-    kept = evenly(len(frames), _KEPT).tolist()
-    some_trimaps: Trimap = np.zeros((len(kept), len(cameras), height_px, width_px), np.uint8)
+    of_middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
     for c, camera in enumerate(take.cameras):
         alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
         trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
         of_camera: list[Outline | None] = []
         for n, (trimap,) in enumerate(trimaps):
             of_camera.append(outline_of(trimap, cameras[c]))
-            if n in kept:
-                some_trimaps[kept.index(n), c] = in_common_size(trimap, width_px, height_px)
+            if n == len(frames) // 2:
+                of_middle[c] = in_common_size(trimap, width_px, height_px)
         outlines.append(of_camera)
         progress((c + 1) / len(take.cameras))
-    return cameras, outlines, some_trimaps
+    return cameras, outlines, of_middle

@@ -100,6 +100,6 @@ def trimaps_of(
 
 def read_moments(frames: Sequence[int], segmenter: Segmenter, *, with_pictures: bool) -> Iterator[Moment]:
     """What all cameras show, frame by frame."""
-    if isinstance(frames, range):
+    if isinstance(frames, range) and frames.step == 1:
         return segmenter.moments(frames.start, frames.stop, with_pictures=with_pictures)
     return (next(segmenter.moments(n, n + 1, with_pictures=with_pictures)) for n in frames)

@@ -29,7 +29,7 @@ def check_take(folder: Path) -> None:
     n_frames = take.settings.frames
     frames = range(0, n_frames, -(-n_frames // _MOST_FRAMES))
     with progress_bar() as show:
-        cameras, outlines, some_trimaps = outlines_of(
+        cameras, outlines, middle = outlines_of(
             take, frames, lambda share: show("looking at silhouettes", share)
         )
     found = agreement_of(cameras, outlines)
@@ -38,7 +38,6 @@ def check_take(folder: Path) -> None:
         raise TakeError(
             f"{folder}: silhouettes: no two cameras show the whole actor: nothing can be compared"
         )
-    middle = some_trimaps[len(some_trimaps) // 2]
     filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
     stdout.print(_table(names, found, filled))
     warn(remarks_on(cameras))
