@@ -40,11 +40,6 @@ class Stream:
     """Towards the coordinator."""
     outgoing: tuple[Flow, ...] = ()
 
-    @property
-    def carries(self) -> list[str]:
-        """All message types, each once."""
-        return list(dict.fromkeys(name for flow in self.incoming + self.outgoing for name in flow.types))
-
 
 FROM_CLIENTS = Flow(
     (

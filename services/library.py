@@ -137,7 +137,7 @@ def _tracked(
     engine: EngineSettings,
 ) -> Iterator[TrackedFrame]:
     first_pose, poses = known.get(numbers.start), [known.get(number) for number in numbers[1:]]
-    rig, names, fps = Rig.of(take.cameras), [camera.name for camera in take.cameras], take.settings.fps
+    rig, names, fps = Rig.of(take.cameras), take.camera_names, take.settings.fps
     hints, (height_px, width_px) = take.settings.beginning_at(numbers.start), rig.shape_px
     moments = segmenter.moments(numbers.start, numbers.stop)
     seen = (packed(moment.trimaps, width_px, height_px, moment.classes) for moment in moments)

@@ -12,7 +12,7 @@ from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
-from services.mocap.take.segmenter_name import KINDS, Kind
+from services.mocap.take.segmenter_name import kind_of
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
@@ -71,7 +71,7 @@ def _mistakes(
     if turned is not None:
         raise _refused(take, turned)
     if not silhouettes.has_stage:
-        if KINDS.get(chosen_segmenter(take, segmenter).partition(":")[0], Kind("")).needs_plate:
+        if kind_of(chosen_segmenter(take, segmenter)).needs_plate:
             yield Mistake(
                 f"{BACKGROUND}/",
                 "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "

@@ -58,7 +58,6 @@ class Check:
 
 def examine() -> list[Check]:
     """Check everything that the services need; takes a few seconds, longer the first time."""
-    is_new = sys.version_info >= (3, 11)
     python = f"{platform.python_version()} on {platform.platform()}"
     found = find_device()
     try:
@@ -69,7 +68,7 @@ def examine() -> list[Check]:
     with open_engine(EngineSettings()) as engine, open_engine(EngineSettings(backend="cpu")) as cpu:
         energy = energy_checks(engine, cpu)
     return [
-        Check("python", State.OK if is_new else State.MISSING, python),
+        Check("python", State.OK, python),
         Check("cores", State.OK, f"{os.cpu_count()} ({platform.machine()})"),
         _libraries(),
         _h264(),

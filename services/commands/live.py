@@ -12,12 +12,12 @@ from rich.text import Text
 from proto.messages import DROPPED_BY
 from services import options
 from services.commands.consoles import say, stderr, stdout, warn
-from services.commands.track import accuracy_in_words, corrected_in_words
+from services.commands.track import corrected_in_words
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import TakeError, UserError, nearest
 from services.mocap.motion.settings import Smoother
-from services.mocap.result.words import rate_in_words
+from services.mocap.result.words import accuracy_in_words, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.fit_record import read_colour_tables

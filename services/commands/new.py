@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from services.commands.consoles import say, stdout, table_of, warn
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.camera.calibration import Up, read_calibration, write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.formats import read_any
@@ -98,10 +98,7 @@ def _write_settings(path: Path, name: str, up: Up, videos: dict[str, str]) -> No
         for field, info in TakeFile.model_fields.items()
         if info.examples
     )
-    with atomic_file(path) as part:
-        part.write_text(
-            f"{fields}\n# Other fields belong here, above [videos]:\n{comments}\n{table}", encoding="utf-8"
-        )
+    write_file(path, f"{fields}\n# Other fields belong here, above [videos]:\n{comments}\n{table}")
 
 
 def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) -> None:

@@ -87,7 +87,7 @@ def _in_step(take: Take, found: TimeOffsets, is_sure: Mask) -> bool:
     is_sure: (C,) whether a camera's offset is determined. Raises UserError if some are not, and the others
     are not in step.
     """
-    names = np.array([camera.name for camera in take.cameras])
+    names = np.array(take.camera_names)
     lead_frames = (found.offsets - [take.settings.offset(name) for name in names])[is_sure]
     is_in_step = len(lead_frames) > 1 and bool(np.ptp(lead_frames) <= STEP)
     if not is_sure.all():
@@ -111,7 +111,7 @@ def _write(take: Take, found: TimeOffsets) -> None:
     """Write whole frames to take.toml, and the number of frames that all cameras then have."""
     whole = np.rint(found.offsets).astype(int)
     whole -= whole.min()
-    names = [camera.name for camera in take.cameras]
+    names = take.camera_names
     offsets = {name: int(offset) for name, offset in zip(names, whole, strict=True)}
     if take.source == "videos":
         held = [index_video(take.videos[name]).n_frames for name in names]

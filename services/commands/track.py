@@ -21,7 +21,7 @@ from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewO
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
 from services.mocap.result.layout import CORRECTED_FRAMES
-from services.mocap.result.words import ENERGY_IN_WORDS, rate_in_words
+from services.mocap.result.words import ENERGY_IN_WORDS, accuracy_in_words, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, was_refined
@@ -164,8 +164,3 @@ def corrected_in_words(report: dict[str, Any]) -> str:
     return ", ".join(
         f"{part.replace('_', ' ')} in {n} frame{'' if n == 1 else 's'}" for part, n in corrected.items()
     )
-
-
-def accuracy_in_words(accuracy: dict[str, Any]) -> str:
-    """The joint error of a run.json."""
-    return f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"

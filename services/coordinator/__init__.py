@@ -1,2 +1,1 @@
-"""Coordinator: runs the frame loop, fits torso and head, and gives limb tasks to workers (the paper's
-server)."""
+"""Coordinator: runs the frame loop, solves frames, and gives limb tasks to workers (the paper's server)."""

@@ -193,8 +193,7 @@ class Dispatcher:
         key = key_of(message)
         worker = self._workers.get(identity)
         holder = worker if worker is not None and worker.task == key else None
-        opened = self._open.get(key)
-        if opened is None:
+        if key not in self._open:
             self.dropped += 1
         elif isinstance(message, LimbResult) and is_sound(message):
             if holder is not None:
@@ -225,8 +224,7 @@ class Dispatcher:
         if not self._queue:
             return None
         key = self._queue.popleft()
-        if self._open[key].given_to:
-            self.retries += 1
+        self.retries += bool(self._open[key].given_to)
         return self._open[key].task
 
     def collect(self) -> list[LimbResult]:

@@ -24,7 +24,7 @@ class FrameInput:
         self, plan: Plan, board: Switchboard, stop: StopRequest, work_meanwhile: Callable[[], bool]
     ) -> None:
         """work_meanwhile: does a step of other work while there is no frame; False if there is none."""
-        self._camera_names, self._board, self._incoming = plan.camera_names, board, board.incoming
+        self._camera_names, self._board, self._incoming = plan.take.camera_names, board, board.incoming
         self._stop, self._work_meanwhile = stop, work_meanwhile
 
     def next(self) -> Frame | None:

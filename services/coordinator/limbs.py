@@ -3,8 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
 from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.coordinator.overhead import Overhead
@@ -56,8 +54,6 @@ class RemoteLimbs:
         with self._overhead.talking():
             self._pump(0.0)
             self._jobs = {job.limb: job for job in jobs}
-            # Mostly one for all.
-            searches = {id(job.settings): job.settings.model_dump(mode="json") for job in jobs}
             number = self._dispatcher.next_pass(self.frame, self.sweep)
             self._dispatcher.submit(
                 [
@@ -71,7 +67,7 @@ class RemoteLimbs:
                         shards=self._shards,
                         actor=self._actor,
                         rig=self._rig,
-                        search=searches[id(job.settings)],
+                        search=job.settings.model_dump(mode="json"),
                         pose=job.pose,
                         origin_px=job.window.region.origin_px,
                         window=job.window.silhouettes,
@@ -116,5 +112,5 @@ class RemoteLimbs:
             evaluations=found.evaluations,
             seconds=time.perf_counter() - began_s,
             backend=self._model.backend.name,
-            values=np.asarray(found.values),
+            values=found.values,
         )

@@ -43,7 +43,7 @@ class LiveFrames(Incoming):
     def __init__(self, take: LiveTake, rig: Rig, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(rig)
         self._take, self._now = take, now
-        self._names = [camera.name for camera in take.cameras]
+        self._names = take.camera_names
         self._shots, self._reports = UnsolvedShots(rig.n_cameras), SourceReports(rig.n_cameras)
         self._last_shot = self._highest = -1
         self._came_s = np.full(rig.n_cameras, -np.inf)

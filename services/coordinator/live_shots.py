@@ -173,7 +173,7 @@ class SourceReports:
     def drops(self) -> dict[int, tuple[int, int, int]]:
         """Of each camera: pictures that did not come, that segmentation dropped, that were not sent."""
         return {
-            c: (report.missed[k], report.dropped[k], report.unsent)
+            c: (missed, dropped, report.unsent)
             for cameras, (report, _) in self._reports.items()
-            for k, c in enumerate(cameras[: min(len(report.missed), len(report.dropped))])
+            for c, missed, dropped in zip(cameras, report.missed, report.dropped, strict=False)
         }

@@ -101,7 +101,7 @@ class Opening:
             self._pool,
             self._engine,
             plan.settings.without_cameras(first.absent, plan.rig.n_cameras),
-            names=plan.camera_names,
+            names=plan.take.camera_names,
             told_model=self._rehearsed,
         )
         return search.solve(first.seen, plan.actor, plan.known_poses.get(plan.frames.start))
@@ -121,7 +121,7 @@ class Opening:
         limbs = self._pool(model, actor)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
         tracker = Tracker(model, self._plan.settings, limbs, poses)
-        return Tracking(model, limbs, tracker, UnsureParts(model, self._plan.camera_names))
+        return Tracking(model, limbs, tracker, UnsureParts(model, self._plan.take.camera_names))
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
         """The pool of workers for an actor."""

@@ -39,11 +39,6 @@ class Plan:
         """Of the take's cameras."""
         return Rig.of(self.take.cameras)
 
-    @property
-    def camera_names(self) -> list[str]:
-        """In the order of the rig."""
-        return [camera.name for camera in self.take.cameras]
-
     @cached_property
     def name(self) -> str:
         """The SHA-256 of everything that poses depend on; files count by their sizes and modification

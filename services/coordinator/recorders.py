@@ -101,10 +101,9 @@ class Recorders:
     @property
     def recorded_ends(self) -> dict[str, int]:
         """By name, the end of what each recorder has on disk of this run."""
-        known = {one.name: one.recording for one in self._known.values()}
         return {
-            name: recording.end_frame if recording and recording.run == self._run else 0
-            for name, recording in known.items()
+            one.name: one.recording.end_frame if one.recording and one.recording.run == self._run else 0
+            for one in self._known.values()
         }
 
     @property
@@ -178,7 +177,7 @@ class Recorders:
             if self._n_expected and identity in self._known:  # a viewer may miss some
                 raise LostFramesError(f"{problem}: a restarted coordinator solves it again")
             log.info("%s", problem)
-        for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
+        for frame in range(request.first_frame, request.end_frame)[:_MOST_AT_ONCE]:
             if frame in kept and not self._send(identity, kept[frame]):
                 break  # its queue is full; it asks again
 

@@ -1,4 +1,4 @@
-"""Tracks one take from its first frame to its last: frames come in, poses go out, nothing is skipped.
+"""Tracks one take from its first frame to its last: frames come in, poses go out.
 
 The way of a frame: the switchboard gives silhouettes to Incoming as they arrive, FrameInput hands out the
 next whole frame, the tracker solves it, the session publishes its pose, and a settled pose follows later.
@@ -91,7 +91,7 @@ class Session:
         finally:
             self._board.close()
             if self._settling is not None:
-                self._settling.close()
+                self._settling.seen.close()
 
     def _look(self, timeout_s: float = STOP_CHECK_S) -> bool:
         """Handle messages; False once a stop was requested."""

@@ -70,8 +70,8 @@ class Settling:
 
     def fetch(self, recorders: Recorders, look: Callable[[], bool]) -> bool:
         """Get the poses that are missing, as `fetch_poses` does."""
-        frames = range(self._first_frame, self.next_frame)
-        returned = fetch_poses(recorders, {frame for frame in frames if frame not in self._poses}, look)
+        missing = set(range(self._first_frame, self.next_frame)) - self._poses.keys()
+        returned = fetch_poses(recorders, missing, look)
         self._poses |= {frame: message.pose for frame, message in (returned or {}).items()}
         return returned is not None
 
@@ -82,7 +82,3 @@ class Settling:
         for step in solve_both_ways(model, settings, limbs, self.seen, forward, self._fps):
             yield frames[step.frame], step
             limbs.frame, limbs.sweep = frames[step.frame], SWEEPS[step.sweep]
-
-    def close(self) -> None:
-        """Delete the silhouettes."""
-        self.seen.close()

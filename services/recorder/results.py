@@ -70,7 +70,7 @@ def write_results(
         if smooth is not None:
             joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
-        write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
+        write_frame_files(part, frames, recorded, stages, take.camera_names)
         write_run_json(
             part / RUN_JSON, take, info, actor, recorded, table.marks, output, joints_world_m, known
         )

@@ -18,7 +18,7 @@ from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.both_ways import found_anew
 from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch
-from services.mocap.search.frame import solve_frame
+from services.mocap.search.found import BY_ENERGY
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import model_on_cpu
@@ -28,7 +28,7 @@ from services.mocap.types import Floats, Mask
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
-from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
+from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, solved, tracked_px
 
 log = logging.getLogger(__name__)
 
@@ -66,8 +66,8 @@ def fit_frames(
             guess = guess_first_pose(rig, seen[0], hints, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
 
-            def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
-                return fit_actor(rig, seen, actor, pose, told, search.body, hints.actor_height)
+            def fit_from(actor: Actor, pose: Floats, show_share: Callable[[float], None]) -> Fit:
+                return fit_actor(rig, seen, actor, pose, show_share, search.body, hints.actor_height)
 
             @cache
             def later() -> list[TriPlanes]:
@@ -115,7 +115,7 @@ def _fitted_once_more(
     if not (is_refined_next and _is_near(fitted.actor, pose, fitted.poses[0])):
         rest = 1.0 - _FIRST_FITS
         ways.append(Way(pose, fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + rest * share))))
-    return min(ways, key=lambda way: way.energy_px)
+    return min(ways, key=BY_ENERGY)
 
 
 def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *, search: SearchSettings) -> Floats:
@@ -124,10 +124,8 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *, searc
     The body by which the first pose was found had other limbs and no skirt.
     """
     with model_on_cpu(actor, rig) as model:
-        limbs, picture = LocalLimbs(model), Picture.of_frame(rig, seen)
-        starts = pose, found_anew(model, search, limbs, seen, pose)
-        fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
-    return min(fitted, anew, key=lambda solution: solution.energy_px).pose
+        anew = found_anew(model, search, LocalLimbs(model), seen, pose)
+        return min((solved(model, seen, start, search) for start in (pose, anew)), key=BY_ENERGY).pose
 
 
 def _is_near(actor: Actor, one: Floats, other: Floats) -> bool:

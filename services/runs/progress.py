@@ -23,7 +23,7 @@ class Progress:
     has_poses: bool
     """Whether any frame was solved."""
     frames_per_s: float
-    """Frames solved in the last seconds; a sweep over solved ones does not count."""
+    """Rate of the last seconds; a sweep over solved frames does not count."""
     energy_px: float
     stage: str
     """What a run of a recorded take is doing, in words."""

@@ -101,7 +101,7 @@ def refine_take(
         fit = _fitted(take, Rig.of(cameras), seen, coloured, poses, body, clock)
         started = found.actor, poses[0]
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
-        names = [camera.name for camera in take.cameras]
+        names = take.camera_names
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
         return replace(refined, occluded=occluded, colour_tables=tables, run_poses=_run_poses(found))
 

@@ -74,7 +74,7 @@ def seen_of(
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
     """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
     trimaps = trimaps_of(take, frames, segmenter, progress)
-    names, first = [camera.name for camera in take.cameras], trimaps[0]
+    names, first = take.camera_names, trimaps[0]
     look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:
         log.warning("%s", remark)

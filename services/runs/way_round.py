@@ -15,7 +15,7 @@ from services.mocap.fit.contours import evenly
 from services.mocap.fit.fitting import Fit
 from services.mocap.search.first_frame import tell_facing
 from services.mocap.search.first_pose import FirstPose, turned_round
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.found import BY_ENERGY, FrameSolution
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model, model_on_cpu
@@ -69,7 +69,7 @@ def fit_best_way_round(
         Way(pose, fit(pose, lambda share: progress(0.5 * share))),
         Way(opposite.pose, fit(opposite.pose, lambda share: progress(0.5 + 0.5 * share))),
     ]
-    ways.sort(key=lambda way: way.energy_px)
+    ways.sort(key=BY_ENERGY)
     px = [way.energy_px for way in ways]
     if px[1] < _UNTOLD * px[0]:
         px = [motion_px(way.fit) for way in ways]
@@ -88,7 +88,7 @@ def tracked_px(rig: Rig, seen: Sequence[TriPlanes], fit: Fit, search: SearchSett
 
 def turned_poses(model: Model, seen: TriPlanes, poses: Floats, search: SearchSettings) -> Floats:
     """Poses (F, D) of a body that faces the other way, searched in frames `seen` (F, P, H, W)."""
-    found = (_solved(model, seen[k], turned_round(pose), search) for k, pose in enumerate(poses))
+    found = (solved(model, seen[k], turned_round(pose), search) for k, pose in enumerate(poses))
     return np.array([solution.pose for solution in found])
 
 
@@ -102,7 +102,7 @@ def faces_other_way(model: Model, seen: TriPlanes, poses: Floats, search: Search
 
     def sum_px(starts: Iterable[Floats], settings: SearchSettings) -> float:
         return sum(
-            _solved(model, seen[k], start, settings).energy_px for k, start in zip(some, starts, strict=True)
+            solved(model, seen[k], start, settings).energy_px for k, start in zip(some, starts, strict=True)
         )
 
     given, turned = poses[some], [turned_round(pose) for pose in poses[some]]
@@ -110,6 +110,7 @@ def faces_other_way(model: Model, seen: TriPlanes, poses: Floats, search: Search
     return sum_px(turned, aligned) < _PERHAPS * given_px and sum_px(turned, search) < given_px
 
 
-def _solved(model: Model, seen: TriPlanes, start: Floats, settings: SearchSettings) -> FrameSolution:
+def solved(model: Model, seen: TriPlanes, start: Floats, settings: SearchSettings) -> FrameSolution:
+    """What a frame's search in this process finds from a pose (D,); seen (P, H, W)."""
     picture = Picture.of_frame(model.rig, seen)
     return solve_frame(model, picture, start[None], settings, LocalLimbs(model))

@@ -143,7 +143,7 @@ class Sender:
 
 def _choose(take: Take, names: str) -> list[int]:
     """Camera indices from names separated by commas, each once; empty: all."""
-    known = [camera.name for camera in take.cameras]
+    known = take.camera_names
     wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip())) or known
     for name in wanted:
         if name not in known:

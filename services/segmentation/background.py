@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes
@@ -140,11 +141,11 @@ def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
     index, keys = keyframes(take, camera)
     if len(keys) >= most:  # keyframes can be decoded alone
         pictures = []
-        for key in (keys[i] for i in _spread(len(keys), most)):
+        for key in (keys[i] for i in evenly(len(keys), most).tolist()):
             with take.video(camera, key, key + 1, index) as video:
                 pictures += list(video)
         return np.array(pictures)
-    wanted = set(_spread(take.settings.frames, most))
+    wanted = set(evenly(take.settings.frames, most).tolist())
     with take.video(camera, 0, take.settings.frames, index) as video:
         return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
 
@@ -157,11 +158,11 @@ def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
     index, keys = keyframes(take, camera)
     begins = sorted({0, *keys})
     runs = [range(*ends) for ends in zip(begins, [*begins[1:], take.settings.frames], strict=True)]
-    runs = [runs[i] for i in _spread(len(runs), most)]
+    runs = [runs[i] for i in evenly(len(runs), most).tolist()]
     each, longest = -(-most // len(runs)), max(1, _MOST_DECODED // len(runs))
     pictures: list[Bytes] = []
     for run in runs:
-        wanted = _spread(min(len(run), longest), each)
+        wanted = evenly(min(len(run), longest), each).tolist()
         with take.video(camera, run.start, run.start + wanted[-1] + 1, index) as video:
             pictures += [shrunk(picture) for n, picture in enumerate(video) if n in wanted]
     return np.array(pictures)
@@ -193,8 +194,3 @@ def keyframes(take: Take, camera: Camera) -> tuple[VideoIndex, list[int]]:
     """A camera's video, and the frames of the take that are decoded without any other."""
     index, first = index_video(take.videos[camera.name]), take.settings.offset(camera.name)
     return index, [key - first for key, _ in index.keyframes if 0 <= key - first < take.settings.frames]
-
-
-def _spread(count: int, most: int) -> list[int]:
-    """Up to `most` of the numbers 0 to count - 1, evenly, the first and the last among them."""
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))]

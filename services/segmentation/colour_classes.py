@@ -192,10 +192,10 @@ def _apart(roots: Singles, k: int) -> Floats:
 
 
 def _sorted_into(counts: Singles, tables: Bytes) -> Ints:
-    """(K,) the class that most pixels of each piece have, 0 where there is none; counts (C, K, bins)."""
-    flat = tables.reshape(len(tables), -1)
+    """(K,) the class that most pixels of each piece have, 0 where there is none; counts (C, K, bins),
+    tables (C, bins)."""
     votes = np.zeros((counts.shape[1], 1 + MOST_CLASSES))
-    for of_camera, table in zip(counts, flat, strict=True):
+    for of_camera, table in zip(counts, tables, strict=True):
         for k in range(1, 1 + MOST_CLASSES):
             votes[:, k] += of_camera[:, table == k].sum(axis=1)
     best = votes.argmax(axis=1)

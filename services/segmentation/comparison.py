@@ -13,8 +13,6 @@ squares over the 5x5 pixels about a pixel, or over the pixel alone, with μ = g 
     misfit = Σ |z|² - ρ Σ z·μ       what is left once the plate is darkened; noise, if it is shadow
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numba
 import numpy as np
@@ -48,14 +46,11 @@ _SEEN, _BOTH, _KNOWN = range(_N_PRODUCTS)
 """Planes of a pixel's products: |z|², z·μ and |μ|² + 1."""
 
 
-@dataclass(eq=False)
 class Comparison:
     """One camera's plate, and room for the picture in work."""
 
-    plate: Plate
-
-    def __post_init__(self) -> None:
-        shape = self.plate.shape
+    def __init__(self, plate: Plate) -> None:
+        self.plate, shape = plate, plate.shape
         self.channels: Bytes = np.empty((3, *shape), np.uint8)
         self.expected: Steps = np.empty((3, *shape), np.int16)
         """(3, H, W) the colours that the plate should have in the picture's light, MEAN_STEPS a level."""

@@ -33,7 +33,7 @@ from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO
 
 _IN_PLACE, _OFF_PLACE = np.float32(log(0.8)), np.float32(log(0.2))
-"""Probability that the plate is exactly aligned with the pictures, and that it is off by a fraction of a
+"""Log probability that the plate is exactly aligned with the pictures, and that it is off by a fraction of a
 pixel."""
 _NEVER = np.float32(-60.0)
 _SQUARE_SHARE = np.float32(0.12)

@@ -48,7 +48,7 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
                 write_picture(layout.silhouette_path(folder, frame), resized_trimap(trimap, calibrated))
                 of_camera.add(frame, trimap)
                 advance()
-        sentence = thirds_in_words([camera.name for camera in take.cameras], thirds)
+        sentence = thirds_in_words(take.camera_names, thirds)
         if sentence:
             write_picture(part / UNSURE_SHEET, _unsure_sheet(take, thirds))
             log.warning("%s; %s shows where", sentence, out / UNSURE_SHEET)

@@ -28,7 +28,7 @@ class KeptTrimaps:
     def __init__(self, folder: Path, cameras: Sequence[Camera]) -> None:
         """cameras: always the same ones, in this order."""
         self._folder, self._has_room = folder, True
-        self._shapes_px = [(camera.height_px, camera.width_px) for camera in cameras]
+        self._shapes_px = [camera.shape_px for camera in cameras]
 
     def keep(self, frame: int, trimaps: Sequence[Trimap]) -> None:
         """Write the trimaps (h, w) of a frame, one per camera; the file appears as a whole.

@@ -130,8 +130,7 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
     if min(ratios.shape) < _LEAST_TILES:
         return np.ones(size_px[::-1], np.float32)
     usual = weights * (np.abs(ratios - cv2.medianBlur(ratios, 5)) < _FAR_APART)
-    field = np.ones_like(ratios)
-    field += _smoothed(ratios - field, usual)
+    field = 1 + _smoothed(ratios - 1, usual)
     left = ratios - field
     field += _smoothed(left, weights * (np.abs(left) < _APART))
     return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)

@@ -15,7 +15,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import AUTO as AUTO
-from services.mocap.take.segmenter_name import KINDS, USUAL, Kind, check_segmenter
+from services.mocap.take.segmenter_name import KINDS, USUAL, check_segmenter, kind_of
 from services.mocap.take.segmenter_name import READY as READY
 from services.segmentation.background import CameraBackground, spread_pictures, warn_of_guesses
 from services.segmentation.baselines import PaperTest, TrainedModel
@@ -94,11 +94,8 @@ def make_segmenter(
     if chosen == READY:
         return Segmenter.of_silhouettes(take, cameras)
     matte = cache(partial(_matte_of_take, take, cameras, chosen, later))
-    if kept is None:
-        matte()
-        return Segmenter.of_videos(take, cameras, matte)
-    kept_trimaps = KeptTrimaps(kept, cameras)
-    if not kept_trimaps.has_all(take.settings.frames):
+    kept_trimaps = None if kept is None else KeptTrimaps(kept, cameras)
+    if kept_trimaps is None or not kept_trimaps.has_all(take.settings.frames):
         matte()
     return Segmenter.of_videos(take, cameras, matte, kept_trimaps)
 
@@ -108,10 +105,10 @@ def _matte_of_take(
 ) -> GroupMatte:
     """What a segmenter learns of a take with videos; as make_segmenter."""
     backgrounds = [CameraBackground(take, camera) for camera in cameras]
-    kind, matte = _group_matte(backgrounds, name)
+    matte = _group_matte(backgrounds, name)
     if isinstance(matte, JointMatte):
         learn_from_take(matte, take, cameras)
-    if kind.needs_plate:
+    if kind_of(name).needs_plate:
         for background in backgrounds:
             if background.is_recorded:
                 later(background.check)
@@ -132,11 +129,11 @@ def live_matte(take: Take, cameras: Sequence[Camera], name: str = AUTO) -> Group
         raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
     if chosen == "chroma":
         raise UserError(f"--segmenter {name}: live, the screen's colour must be given: chroma:RRGGBB")
-    return _group_matte([CameraBackground(take, camera) for camera in cameras], chosen)[1]
+    return _group_matte([CameraBackground(take, camera) for camera in cameras], chosen)
 
 
-def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Kind, GroupMatte]:
-    """The row of a segmenter, and what it makes for some cameras; a UserError names the camera."""
+def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> GroupMatte:
+    """What a segmenter makes for some cameras; a UserError names the camera."""
     kind, _, argument = name.partition(":")
     row, cameras = KINDS.get(kind), [background.camera for background in backgrounds]
     plates, mattes = [], list[Matte]()
@@ -154,6 +151,4 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Ki
             what = "clean plate of " if row.needs_plate else ""
             where = f"{background.take.folder}: {what}{background.camera.name}"
             raise UserError(f"{where}: {error}") from None
-    if row is not None and kind == USUAL:
-        return row, JointMatte(cameras, plates)
-    return row or Kind(""), SeparateMattes(cameras, mattes)
+    return JointMatte(cameras, plates) if kind == USUAL else SeparateMattes(cameras, mattes)

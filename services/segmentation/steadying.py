@@ -67,14 +67,14 @@ class Anchors:
         for _ in range(_ROUNDS):
             right, down = np.rint(shift).astype(int)
             seen = grey[self.rows + down, self.columns + right]
-            found, off_levels, weights = _solved(self.terms, seen, weights)
+            found, weights = _solved(self.terms, seen, weights)
             if found[0] <= 0:  # a black picture, for example
                 return 0.0, 0.0
             shift = ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
         if np.hypot(*shift) < _LEAST_PX:
             return 0.0, 0.0
-        _, still_off_levels, _ = _solved(self.terms[:, :1], still, weights)
-        is_shifted = _loss(off_levels) < _BETTER * _loss(still_off_levels)
+        _, still_weights = _solved(self.terms[:, :1], still, weights)
+        is_shifted = (1 - weights).mean() < _BETTER * (1 - still_weights).mean()
         return (float(shift[0]), float(shift[1])) if is_shifted else (0.0, 0.0)
 
 
@@ -93,18 +93,13 @@ def _strongest(slopes: Levels) -> Mask:
     return chosen if n_tiles >= _FEWEST_TILES else np.zeros_like(chosen)
 
 
-def _solved(terms: Floats, seen: Levels, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """The factors (k,) of terms (n, k) that explain best what is seen (n,), by weights (n,); the residuals
-    (n,), and the weights (n,) that these give."""
+def _solved(terms: Floats, seen: Levels, weights: Floats) -> tuple[Floats, Floats]:
+    """The factors (k,) of terms (n, k) that explain best what is seen (n,), by weights (n,); and the weights
+    (n,) that the residuals give, small for hidden anchors."""
     weighted = terms.T * weights
     found = np.asarray(np.linalg.lstsq(weighted @ terms, weighted @ seen, rcond=1e-9)[0], np.float64)
     off_levels = np.asarray(terms @ found - seen, np.float64)
-    return found, off_levels, 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
-
-
-def _loss(off_levels: Floats) -> float:
-    """Of residuals (n,): small ones count by their squares, those of hidden anchors all the same."""
-    return float((1 - 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)).mean())
+    return found, 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
 
 
 def _smoothed(picture_bgr: Bytes | Levels) -> Levels:

@@ -6,7 +6,6 @@ fewer of the others miss what a pixel's ray meets, the likelier the pixel is the
 each camera is left out of in turn; Laurentini, PAMI 16(2), 1994).
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ import numba
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.side_by_side import side_by_side
+from services.mocap.side_by_side import N_CORES, side_by_side
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
@@ -33,7 +32,7 @@ middle."""
 _HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
 """Voxels start this far above the floor: on the floor there is shadow."""
-_SHARES = min(os.cpu_count() or 1, 4)
+_SHARES = min(N_CORES, 4)
 """So many cores look into voxels at the same time; each takes room for all pictures."""
 _OVERLAP = 1.2
 """A voxel is drawn so many times its size."""

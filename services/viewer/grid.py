@@ -78,7 +78,7 @@ class CameraGrid:
         self._channel, self._show, self.pacing = channel, show, pacing
         self.connection = Connection()
         self.sent_bytes = 0
-        """The state of the last sent grid."""
+        """Of the last sent grid, all its tiles together."""
         self._whole_bytes, self._share = 0, 1.0
         self._drawn: tuple[int, Look] | None = None
         self._told = -1

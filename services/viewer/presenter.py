@@ -95,13 +95,12 @@ class TakePresenter(Follower):
             return
         body, folder, pictures = build_body(actor), self._folder, self._folder_pictures
         names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
-        if folder is None:
-            pictures = None
-        elif folder.settings.name == info.take and folder.settings.frames >= info.end_frame:
-            names = tuple(camera.name for camera in folder.cameras)
-        else:
-            pictures = None
-            log.warning("%s is another take than %s: showing only silhouettes", folder.folder, info.take)
+        if folder is not None:
+            if folder.settings.name == info.take and folder.settings.frames >= info.end_frame:
+                names = tuple(camera.name for camera in folder.cameras)
+            else:
+                pictures = None
+                log.warning("%s is another take than %s: showing only silhouettes", folder.folder, info.take)
         self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
         artist, has_pictures = TileArtist(body, rig, self._pictures), pictures is not None
         show = Show(info.take, info.fps, history, body, rig, names, artist, True, has_pictures)

@@ -89,8 +89,8 @@ class Scene3D:
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red
 
-    def show_picture(self, camera: int, picture_rgb: Bytes | None) -> None:
-        """Show a picture (h, w, 3) in a camera's frustum, or none."""
+    def show_picture(self, camera: int, picture_rgb: Bytes) -> None:
+        """Show a picture (h, w, 3) in a camera's frustum."""
         self._frusta[camera].image = picture_rgb
 
     def show_cameras(self, visible: bool) -> None:

@@ -19,6 +19,7 @@ from proto.streams import (
     STREAMS,
     TO_CLIENTS,
     Flow,
+    Stream,
 )
 from services.coordinator import dispatch
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
@@ -89,10 +90,17 @@ def _type(message: type[Message], name: str) -> str:
     return f"frame {frame}: {spec.dtype} ({', '.join(map(str, spec.shape))})"
 
 
+def carried_by(stream: Stream) -> set[str]:
+    """All message types of a stream."""
+    return {name for flow in stream.incoming + stream.outgoing for name in flow.types}
+
+
 def message_section(message: type[Message]) -> str:
     """A message's heading, sentence and table; raises KeyError for a field without a docstring."""
     meanings = docstrings_of(message)
-    carriers = " and ".join(f"`{name}`" for name, stream in STREAMS.items() if message.type in stream.carries)
+    carriers = " and ".join(
+        f"`{name}`" for name, stream in STREAMS.items() if message.type in carried_by(stream)
+    )
     lines = [f"### `{message.type}`", "", f"{(message.__doc__ or '').strip()} Stream: {carriers}."]
     rows = [_row(f"`{name}`", _type(message, name), meanings[name]) for name in message.model_fields]
     if rows:

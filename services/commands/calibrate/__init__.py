@@ -1,2 +1,2 @@
-"""`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks them with
-silhouettes."""
+"""`xormocap calibrate`: calibrates cameras by a board or measured points, converts other tools' files,
+matches colours, and checks or refines with silhouettes."""

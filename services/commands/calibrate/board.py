@@ -11,7 +11,7 @@ from rich.table import Table
 
 from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.clips import ORIGIN, find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
@@ -186,5 +186,4 @@ def _write_record(path: Path, solution: Solution, board: Board, remarks: list[st
         ],
         "warnings": remarks,
     }
-    with atomic_file(path) as part:
-        part.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(record, indent=2) + "\n")

@@ -1,1 +1,2 @@
-"""From pictures of a board to calibrated cameras: detection, one camera, pairs, all together, the report."""
+"""Calibrates cameras by a board, by measured points, a colour chart or a tracked body; checks them, and their
+timing, by silhouettes."""

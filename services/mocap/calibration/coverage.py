@@ -75,8 +75,7 @@ def _draw_legend(sheet: Bytes) -> None:
 
 def _colours(off_px: Floats) -> Bytes:
     """(N, 3) BGR from blue over yellow to red."""
-    share = np.clip(off_px / _FULL_RED_PX, 0.0, 1.0)[:, None]
-    blue, yellow, red = np.array([(230, 160, 70), (60, 220, 240), (60, 60, 240)], np.float64)
-    low = blue + (yellow - blue) * 2 * share
-    high = yellow + (red - yellow) * (2 * share - 1)
-    return np.asarray(np.rint(np.where(share < 0.5, low, high)), np.uint8)
+    ramp_bgr = np.array([(230, 160, 70), (60, 220, 240), (60, 60, 240)], np.float64)
+    places = (0.0, _FULL_RED_PX / 2, _FULL_RED_PX)
+    colours = np.stack([np.interp(off_px, places, of) for of in ramp_bgr.T], axis=1)
+    return np.asarray(np.rint(colours), np.uint8)

@@ -196,14 +196,13 @@ def _misplaced(views: list[_View], board: Board) -> float:
     off = []
     for ids, quads_px in views:
         numbers, middles_px = ids - board.first_id, quads_px.mean(axis=1)
-        if numbers.min() < 0 or numbers.max() >= len(places):
+        is_held = numbers.min() >= 0 and numbers.max() < len(places)
+        H = cv2.findHomography(middles_px, places[numbers], 0)[0] if is_held else None
+        if H is None:
             off.append(np.inf)
             continue
-        H, _ = cv2.findHomography(middles_px, places[numbers], 0)
-        mapped = None if H is None else cv2.perspectiveTransform(middles_px[None], H)[0]
-        off.append(
-            np.inf if mapped is None else float(np.linalg.norm(mapped - places[numbers], axis=1).max())
-        )
+        mapped = cv2.perspectiveTransform(middles_px[None], H)[0]
+        off.append(float(np.linalg.norm(mapped - places[numbers], axis=1).max()))
     return float(np.median(off))
 
 

@@ -129,22 +129,16 @@ def _touches(
     if length_m < 0.05 or not seen:
         return None
     axis = baseline_m / length_m
-    across = np.mean([_across(outline.rays_world, axis).mean(axis=0) for outline in seen], axis=0)
-    if np.linalg.norm(across) < 1e-6:
+    across = [outline.rays_world - np.outer(outline.rays_world @ axis, axis) for outline in seen]
+    middle = np.mean([rays.mean(axis=0) for rays in across], axis=0)
+    if np.linalg.norm(middle) < 1e-6:
         return None
-    u = across / np.linalg.norm(across)
+    u = middle / np.linalg.norm(middle)
     basis = np.stack([u, np.cross(axis, u)])
     angles = [np.array([_extremes(outline, basis) for outline in outlines[c]]) for c in (a, b)]
-    slant = float(
-        np.mean([np.linalg.norm(_across(outline.rays_world, axis), axis=1).mean() for outline in seen])
-    )
+    slant = float(np.mean([np.linalg.norm(rays, axis=1).mean() for rays in across]))
     focal_px = float(np.mean([cameras[c].K[0, 0] for c in (a, b)]))
     return Touches(a, b, angles[0], angles[1], focal_px * slant)
-
-
-def _across(rays: Floats, axis: Floats) -> Floats:
-    """(n, 3) what of rays is across an axis."""
-    return rays - np.outer(rays @ axis, axis)
 
 
 def _extremes(outline: Outline | None, basis: Floats) -> tuple[float, float]:

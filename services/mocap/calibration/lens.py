@@ -135,7 +135,7 @@ def estimate_intrinsics(sightings: Sightings, board: Board, lens: Lens) -> tuple
                 f"{sightings.camera}: only {len(frames)} views of the board that fit together: expected "
                 f"{FEWEST_VIEWS} or more: show the board nearer, slanted, and all over the picture"
             )
-        found, errors_px = _calibrate(sightings, frames, board, lens)
+        found, errors_px = _calibrate(sightings, frames, board, lens, _FLAGS[lens])
         limit_px = max(_SPOILED_PX, _SPOILED_RATIO * float(np.median(errors_px)))
         bad = [frame for frame, error_px in zip(frames, errors_px, strict=True) if error_px > limit_px]
         if not bad:
@@ -171,20 +171,18 @@ def _simplest(
 
 
 def _calibrate(
-    sightings: Sightings, frames: list[int], board: Board, lens: Lens, flags: int | None = None
+    sightings: Sightings, frames: list[int], board: Board, lens: Lens, flags: int
 ) -> tuple[Intrinsics, Floats]:
     """The lens by some frames, and each frame's error (n,) in pixels.
 
-    flags: OpenCV's, of a model simpler than the lens. Raises CalibrationError.
+    flags: OpenCV's. Raises CalibrationError.
     """
     views = [sightings.by_frame[frame] for frame in frames]
     corners = [board.corners_m[view.corners][:, None] for view in views]
     points = [view.points_px[:, None] for view in views]
     fit = _fit_fisheye if lens == "fisheye" else _fit
     try:
-        K, distortion, errors_px = fit(
-            corners, points, sightings.size_px, _FLAGS[lens] if flags is None else flags
-        )
+        K, distortion, errors_px = fit(corners, points, sightings.size_px, flags)
     except cv2.error:
         raise CalibrationError(
             f"{sightings.camera}: its views of the board do not determine the lens: show the board slanted, "

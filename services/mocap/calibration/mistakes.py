@@ -90,11 +90,6 @@ def _inverted(camera: Camera, up: Up) -> Camera:
     return inverse.with_world_turned(R_file_internal.T)
 
 
-def _opengl(camera: Camera, _: Up) -> Camera:
-    """The camera whose own axes are OpenGL's: y up, z backward."""
-    return _with_axes(camera, _OPENGL_AXES)
-
-
 def _with_axes(camera: Camera, turn: Floats) -> Camera:
     """A camera at the same place with other axes of its own: turn @ x_camera."""
     R, t_m = turn @ camera.R_camera_world, turn @ camera.t_camera_world_m
@@ -105,9 +100,9 @@ _BEHIND = np.diag([-1.0, 1.0, -1.0])
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0])
 _CONVENTIONS: dict[str, Callable[[Camera, Up], Camera]] = {
     "the way from the camera to the world": _inverted,
-    "OpenGL's axes, y up and z backward": _opengl,
+    "OpenGL's axes, y up and z backward": lambda camera, _: _with_axes(camera, _OPENGL_AXES),
     "Blender's matrix_world, from the camera to the world with y up and z backward": lambda camera, up: (
-        _opengl(_inverted(camera, up), up)
+        _with_axes(_inverted(camera, up), _OPENGL_AXES)
     ),
 }
 """How extrinsics may be meant instead."""

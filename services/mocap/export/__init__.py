@@ -1,1 +1,1 @@
-"""Writes result files for other programs, and compares joints with a reference."""
+"""Writes result files for other programs, the report and the overlay, and draws the pictures in them."""

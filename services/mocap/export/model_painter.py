@@ -21,7 +21,7 @@ _SIDES = tuple(
     (value, tuple(s for s, its_side in enumerate(_SIDE_OF_SURFACE) if its_side == side))
     for value, side in enumerate((None, *SIDES), start=1)
 )
-"""Names of the centre, the left and the right limbs in pictures, and their surfaces."""
+"""Values of the centre, the left and the right limbs in pictures, and their surfaces."""
 
 
 class ModelPainter:

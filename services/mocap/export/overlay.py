@@ -1,6 +1,5 @@
 """The overlay: the model drawn over what the cameras saw, as a video of all cameras or a picture of one."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -28,6 +27,7 @@ from services.mocap.export.tiles import (
     trimap_picture,
 )
 from services.mocap.result.result import Result
+from services.mocap.side_by_side import N_CORES
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import judged_parts
 from services.mocap.take.tables import PoseTable
@@ -121,7 +121,7 @@ def overlay_writer(
     size_px = (grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + header_px)  # both even
     with (
         video_writer(path, *size_px, fps, _CRF, {"preset": _PRESET}) as video,
-        ThreadPoolExecutor(os.cpu_count()) as pool,
+        ThreadPoolExecutor(N_CORES) as pool,
     ):
         yield OverlayWriter(cameras, verdict, grid, header_px, size_px, video, pool)
 

@@ -114,7 +114,7 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | 
     fill the rest.
     """
     size = _fitting(segment_mask.shape, grid)
-    drawn, fill = _resized(picture, size).copy(), _resized(_FILL[segment_mask], size)
+    drawn, fill = _resized(picture, size), _resized(_FILL[segment_mask], size)
     x, y, width, height = cv2.boundingRect(fill[..., 3])
     about = np.s_[y : y + height, x : x + width]
     coverage = fill[about][..., 3:] / np.float32(255.0)
@@ -171,7 +171,7 @@ def _draw_kinds(
 def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | None = None) -> Bytes:
     """A tile as draw_tile's with the model's outline alone: left and right limbs in their colours."""
     size = _fitting(segment_mask.shape, grid)
-    drawn = _resized(picture, size).copy() if picture.shape[1::-1] == size else _resized(picture, size)
+    drawn = _resized(picture, size)
     model = cv2.resize(segment_mask, size, interpolation=cv2.INTER_NEAREST)
     for value, colour_bgr in ((1, CENTRE_BGR), (2, LEFT_BGR), (3, RIGHT_BGR)):
         _outline(drawn, np.asarray((model == value) * 255, np.uint8), colour_bgr)

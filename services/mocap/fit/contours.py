@@ -6,11 +6,10 @@ from math import ceil
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit
-from services.mocap.types import Floats, Ints, Longs, Mask
+from services.mocap.types import Floats, Ints, Longs, Mask, Singles
 
 BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
@@ -149,9 +148,7 @@ def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:
 
 
 @numba.njit(cache=True, nogil=True)
-def _outline(
-    part: Mask, blurred: NDArray[np.float32], first_px: Floats, last_px: Floats
-) -> tuple[Floats, Floats]:
+def _outline(part: Mask, blurred: Singles, first_px: Floats, last_px: Floats) -> tuple[Floats, Floats]:
     """The outline in a part of a picture (h, w) within a range of columns and rows: outline_of.
 
     First the points between columns, row by row, then those between rows. With v the blurred value at a point

@@ -6,7 +6,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import CLOTH_JOINTS, SEGMENT_JOINTS, SURFACE_FRAMES, segment_transforms
-from services.mocap.body.skeleton import BODY_DOFS, LOWER, SEGMENTS, UPPER, BodyName, dofs_of, segments_below
+from services.mocap.body.skeleton import BODY_DOFS, SEGMENTS, BodyName, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.take.marks import LIMB_NAMES, LimbName
 from services.mocap.types import Floats, Ints
@@ -40,10 +40,6 @@ class Stage:
     def of(self, body: BodyName) -> "Stage":
         """The same with only the parameters that vary in a body."""
         return replace(self, dofs=tuple(d for d in self.dofs if d in BODY_DOFS[body]))
-
-    def limits(self) -> tuple[Floats, Floats]:
-        """Lower and upper limits (d,) of the parameters."""
-        return LOWER[list(self.dofs)], UPPER[list(self.dofs)]
 
 
 @dataclass(frozen=True)

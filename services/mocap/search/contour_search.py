@@ -149,9 +149,8 @@ class _Search:
     def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
         """The best pose, with limbs in doubt where they were expected: alignments may lead them astray."""
         pose = best.pose.copy()
-        for name in LIMBS:
-            if name in parts:
-                pose[list(LIMBS[name].dofs)] = expected.pose[list(LIMBS[name].dofs)]
+        dofs = [d for name, limb in LIMBS.items() if name in parts for d in limb.dofs]
+        pose[dofs] = expected.pose[dofs]
         return self.best_of(pose[None])
 
     def round(self, start: _Seen, parts: list[Part], settings: SearchSettings) -> _Seen:
@@ -177,13 +176,13 @@ class _Search:
         best = self.align(self._one_by_one(start, solutions))
         if not settings.typical_limbs:
             return best
-        begun = rival = best
+        rival = best
         for pair in LIMB_PAIRS:
             if set(pair) <= set(names):
-                for pose in promising_of_pair(self.model, pair, self.whole, begun.pose, settings):
+                for pose in promising_of_pair(self.model, pair, self.whole, best.pose, settings):
                     rival = _better(rival, self.align(self.best_of(pose[None])))
         self.clock.book("limbs")
-        return self.align(rival) if rival.energy < _CLEARLY * begun.energy else begun
+        return self.align(rival) if rival.energy < _CLEARLY * best.energy else best
 
     def _one_by_one(self, start: _Seen, solutions: list[Solution]) -> _Seen:
         """The start with the solutions that lower its energy, the best first, or with all of them.

@@ -47,7 +47,8 @@ class Hull:
     points_world_m: Floats
     """(N, 3) including space that unsure pixels leave open."""
     firm: Mask
-    """(N,) points at which most cameras certainly see the actor, used for measuring; without any, all are."""
+    """(N,) points at which at least half of the cameras that look there certainly see the actor, used for
+    measuring; without any, all are."""
 
     @property
     def _firm_m(self) -> Floats:

@@ -11,10 +11,9 @@ from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.model import Model
 from services.mocap.types import Floats
 
-_IN_WORDS = {"hand": "hands", "foot": "feet", "head": "head"}
 ENDS: dict[str, tuple[int, ...]] = {
     words: tuple(s for s, name in enumerate(SEGMENT_NAMES) if bare(name) == end)
-    for end, words in _IN_WORDS.items()
+    for end, words in {"hand": "hands", "foot": "feet", "head": "head"}.items()
 }
 """What is judged, in words, and its segments."""
 _LACKING_SHARE = 0.5

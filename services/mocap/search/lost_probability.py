@@ -41,7 +41,6 @@ _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
 """Of arms and legs that two tracks had more than 15 cm apart, 21 % were lost where the other choice cost up
 to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 %: 325 such limbs in 20 takes
 with 3 to 16 cameras."""
-_LEGS = [limb for limb in LIMBS if bare(limb) == "leg"]
 JUDGED_SEGMENTS: dict[Part, list[int]] = {
     part: list(segments[1:] if part in LIMBS else segments) for part, segments in PART_SEGMENTS.items()
 }
@@ -68,7 +67,7 @@ def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int], pose: Floats) -> F
             np.log1p(10.0 * nearest_px[part] / whole_px),
             np.log1p(surprise.get(part, 0.0)),
             part in LIMBS,
-            part in _LEGS,
+            bare(part) == "leg",
             part == "head",
         )
     return evidence

@@ -98,22 +98,20 @@ class PartConfidence:
 
     def as_lists(self) -> dict[str, list[int]]:
         """Its state, for `recall`."""
-        parts = list(PART_STAGES)
         return {f"usual.{part}": list(seen) for part, seen in self._usual.items()} | {
-            "fruitless": [self._fruitless[part] for part in parts],
-            "rest": [self._rest[part] for part in parts],
+            "fruitless": [self._fruitless[part] for part in PART_STAGES],
+            "rest": [self._rest[part] for part in PART_STAGES],
         }
 
     def recall(self, lists: Mapping[str, list[int]]) -> None:
         """Continue from another one's state (as_lists); unknown names are ignored."""
-        parts = list(PART_STAGES)
         self._usual = {
             part: deque(lists[f"usual.{part}"], maxlen=_REMEMBERED)
             for part in PARTS
             if f"usual.{part}" in lists
         }
-        self._fruitless = Counter(dict(zip(parts, lists.get("fruitless", []), strict=False)))
-        self._rest = Counter(dict(zip(parts, lists.get("rest", []), strict=False)))
+        self._fruitless = Counter(dict(zip(PART_STAGES, lists.get("fruitless", []), strict=False)))
+        self._rest = Counter(dict(zip(PART_STAGES, lists.get("rest", []), strict=False)))
 
     def _allowed_share(self) -> float:
         usual = self._usual.get("torso")
@@ -132,8 +130,7 @@ class PartConfidence:
 
     def to_search(self, found: Differences) -> list[Part]:
         """Limbs and head that differ by more than usual, except those that were just searched in vain."""
-        over = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
-        return [part for part in over if self._rest[part] == 0]
+        return [p for p in PART_STAGES if self._rest[p] == 0 and found.px[p] > self._allowed_px(p)]
 
     def note_search(self, parts: Iterable[Part], *, gained: bool) -> None:
         """Note a search of parts; after a search in vain they pause for some frames, and longer each time."""

@@ -44,10 +44,9 @@ class FirstLook:
     """(C, H, W) what may be actor: besides what was told as such, what something before the actor hides."""
 
     def believed(self, silhouettes: Mask) -> Mask:
-        """A copy of silhouettes (…, C, H, W) with those left out empty, so that they do not carve the
-        hull."""
+        """A copy of silhouettes (C, H, W) with those left out empty, so that they do not carve the hull."""
         believed = silhouettes.copy()
-        believed[..., list(self.left_out), :, :] = False
+        believed[list(self.left_out)] = False
         return believed
 
 
@@ -182,13 +181,10 @@ def _is_cut_off(silhouette: Mask, possible: Mask, width: int, height: int) -> bo
 
     possible (H, W): what may be actor, so that what of it is sure is not taken for all of the actor.
     """
-    _, pieces, statistics, _ = cv2.connectedComponentsWithStats(silhouette[:height, :width].astype(np.uint8))
-    areas_px = statistics[:, cv2.CC_STAT_AREA]
-    areas_px[0] = 0  # the background
-    seen = (areas_px > _SPECK_SHARE * areas_px.max())[pieces]
-    contacts = [np.count_nonzero(edge) for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1])]
+    pixels = np.concatenate(_pieces(silhouette[:height, :width]))
+    at_edge = [pixels.T == 0, np.array([[width - 1], [height - 1]]) == pixels.T]
     unsure_px = np.count_nonzero((possible & ~silhouette)[:height, :width])
-    return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen) + unsure_px))
+    return bool(np.count_nonzero(at_edge, axis=-1).max() > _CUT_SHARE * np.sqrt(len(pixels) + unsure_px))
 
 
 def _suspicion(agreement: Agreement, names: Sequence[str]) -> str:

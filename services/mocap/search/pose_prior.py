@@ -20,9 +20,7 @@ from services.mocap.take.csv_columns import read_columns
 from services.mocap.types import Floats, Ints
 
 TABLE = Path(__file__).with_suffix(".csv")
-PARAMETERS = {
-    name.partition("_")[2]: [bare(DOFS[d].name) for d in limb.main.dofs] for name, limb in LIMBS.items()
-}
+PARAMETERS = {bare(name): [bare(DOFS[d].name) for d in limb.main.dofs] for name, limb in LIMBS.items()}
 """Arm and leg -> the parameters of their ball and hinge, without the side."""
 _FAR = 8.0
 """Squared distance at which the price turns from a parabola to a logarithm."""
@@ -46,9 +44,8 @@ def pose_prior() -> PosePrior:
     rows = dict(zip(table.cells["parameter"], range(len(table.lines)), strict=True))
     means, precisions = list[Floats](), list[Floats]()
     for name in LIMBS:
-        names = PARAMETERS[name.partition("_")[2]]
-        at = [rows[parameter] for parameter in names]
-        covariance = np.array([table.numbers(f"with_{k + 1}")[at] for k in range(len(names))])
+        at = [rows[parameter] for parameter in PARAMETERS[bare(name)]]
+        covariance = np.array([table.numbers(f"with_{k + 1}")[at] for k in range(len(at))])
         means.append(table.numbers("mean_rad")[at])
         precisions.append(np.linalg.inv(covariance))
     dofs = np.array([limb.main.dofs for limb in LIMBS.values()], np.int32)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SURFACES, Stage, window_origins_px, window_size_px
@@ -75,7 +75,8 @@ def prepare(
         picture = picture.ignoring(others[0])
     problem = Problem(pose, stage.dofs, drawn, picture, cost, detail_px)
     energy = energy_of(model, problem)
-    dofs, box = list(stage.dofs), Box(*stage.limits())
+    dofs = list(stage.dofs)
+    box = Box(LOWER[dofs], UPPER[dofs])
     start = np.clip(pose[dofs], box.lower, box.upper)
     if not priced:
         return energy, start, box

@@ -68,7 +68,7 @@ class UnsureShares:
     """Of the cameras."""
 
     @classmethod
-    def of_picture(cls, picture: Picture, rig: Rig, names: Sequence[str] = ()) -> "UnsureShares":
+    def of_picture(cls, picture: Picture, rig: Rig, names: Sequence[str]) -> "UnsureShares":
         """Those of a whole frame; names: as names_or_numbers takes them."""
         masks = unpack(picture.silhouettes, rig.n_cameras)
         possible = masks if picture.unsure is None else masks | unpack(picture.unsure, rig.n_cameras)

@@ -51,6 +51,11 @@ class Take:
         larger than the settings' longest_side."""
         return tuple(camera.reduced(self.settings.longest_side) for camera in self.calibrated)
 
+    @property
+    def camera_names(self) -> list[str]:
+        """In the order of the cameras."""
+        return [camera.name for camera in self.cameras]
+
     def video(
         self, camera: Camera, start: int = 0, stop: int | None = None, index: VideoIndex | None = None
     ) -> VideoReader:

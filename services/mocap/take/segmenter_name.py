@@ -75,6 +75,11 @@ def known_segmenters() -> list[str]:
     return [AUTO, READY, *KINDS, *sorted(entry_points(group=GROUP).names)]
 
 
+def kind_of(name: str) -> Kind:
+    """The row of a segmenter, with its argument or without; a plug-in's needs nothing."""
+    return KINDS.get(name.partition(":")[0], Kind(""))
+
+
 def check_segmenter(name: str) -> None:
     """Raise UserError for an invalid --segmenter."""
     kind, colon, argument = name.partition(":")
@@ -82,7 +87,7 @@ def check_segmenter(name: str) -> None:
         raise UserError(
             f"--segmenter {name}: there is no such segmenter: {nearest(kind, known_segmenters())}"
         )
-    row = KINDS.get(kind, Kind(""))
+    row = kind_of(kind)
     if colon and not row.argument:
         raise UserError(f"--segmenter {name}: {kind} takes nothing after its name: leave out :{argument}")
     if (colon or row.needs_argument) and not re.fullmatch(row.pattern, argument):

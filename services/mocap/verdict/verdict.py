@@ -96,16 +96,11 @@ def part_in_words(part: Part) -> str:
     return "whole body" if part == WHOLE_BODY else part.replace("_", " ")
 
 
-def parts_in_words(distrusted: Iterable[bool]) -> str:
-    """The doubtful parts among PARTS (6,), in words; the whole body alone if it is among them."""
-    doubtful = [part for part, is_doubtful in zip(PARTS, distrusted, strict=True) if is_doubtful]
-    return ", ".join(map(part_in_words, [WHOLE_BODY] if WHOLE_BODY in doubtful else doubtful))
-
-
 def frame_in_words(distrusted: Iterable[bool]) -> str:
-    """The verdict on one frame, by its doubtful parts among PARTS (6,)."""
-    parts = parts_in_words(distrusted)
-    return f"doubtful: {parts}" if parts else "good"
+    """The verdict on one frame, by its doubtful parts among PARTS (6,); the whole body alone if it is one."""
+    doubtful = [part for part, is_doubtful in zip(PARTS, distrusted, strict=True) if is_doubtful]
+    named = [WHOLE_BODY] if WHOLE_BODY in doubtful else doubtful
+    return f"doubtful: {', '.join(map(part_in_words, named))}" if named else "good"
 
 
 def spans_of(chosen: Mask, first: int = 0) -> tuple[tuple[int, int], ...]:

@@ -173,7 +173,6 @@ def serve_live(
     fitted: a folder written by xormocap fit with these cameras; what its occluded pictures show is unsure,
     and it knows the actor's colour classes. Raises UserError if a source does not match its configuration.
     """
-    about(take=take.settings.name)
     for c in cameras:
         check_file(take.sources[c], take.calibrated[c])
     with ExitStack() as closing:

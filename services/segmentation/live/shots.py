@@ -208,8 +208,7 @@ class Shots:
         return [k for k, came_s in enumerate(self._came_s) if now_s - came_s > patience_s]
 
     def _whole(self) -> list[int]:
-        now_s, absent = time.monotonic(), self.absent()
-        there = {k for k in range(len(self._came_s)) if k not in absent}
+        now_s, there = time.monotonic(), set(range(len(self._came_s))).difference(self.absent())
         return [
             number
             for number, shot in self._shots.items()

@@ -86,8 +86,7 @@ def read_loose(path: Path, kind: Format | None = None, *, needs_pose: bool = Tru
     if not path.exists():
         raise CalibrationError(f"{path}: is missing: expected a calibration, a file or a folder")
     kind = kind or format_of(path)
-    lenses_only = kind == "toml" and not needs_pose
-    loose = read_toml(path, needs_pose=False) if lenses_only else _FORMATS[kind].read(path)
+    loose = read_toml(path, needs_pose=needs_pose) if kind == "toml" else _FORMATS[kind].read(path)
     if not loose.cameras:
         raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
     return loose

@@ -15,7 +15,7 @@ from services.mocap.export.page import charts
 from services.mocap.export.page.charts import svg_of
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
-from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS, rate_in_words
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS, accuracy_in_words, rate_in_words
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
 from services.mocap.take.pictures import read_picture
@@ -109,8 +109,8 @@ def _summary(result: Result) -> Rows:
     rows.append(("time", f"{n / result.fps:.2f} s at {result.fps:g} frames per second"))
     if "accuracy" in run:
         accuracy = run["accuracy"]
-        errors = f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
-        rows += [("joint error", errors), ("lost limbs", f"{len(accuracy['lost_limbs'])}")]
+        rows.append(("joint error", accuracy_in_words(accuracy)))
+        rows.append(("lost limbs", f"{len(accuracy['lost_limbs'])}"))
     rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
     if "speed" in run:
         speed = run["speed"]

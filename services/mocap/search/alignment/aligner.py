@@ -48,8 +48,8 @@ _FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.001
 _COARSE_M = 0.006
 """Allowed error of the rim until the last steps, in pictures 320 wide; the last steps use every edge of the
 body."""
-_COARSEST_M = 0.003
-"""Allowed error in larger pictures: using every edge takes time."""
+_LEAST_COARSE_M = 0.003
+"""At least this error is allowed, in larger pictures too: using every edge takes time."""
 _FINE_STEPS = 2
 """Number of last steps; an alignment has at least this many."""
 _FINE = 0.2
@@ -100,7 +100,7 @@ class Aligner:
         self._mesh, (self._scratch,) = prepared(body, thinned)
         self._scale = rig.scale
         levels = levels_of(body) if thinned else ()
-        self._rims = _rim_of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)), _rim_of(body)
+        self._rims = _rim_of(body, levels, max(_COARSE_M / self._scale, _LEAST_COARSE_M)), _rim_of(body)
         self._contacts = Contacts.of(body)
         self._room = room_for(self._rims[-1])
 

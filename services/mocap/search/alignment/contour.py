@@ -7,7 +7,7 @@ import numba
 from services.mocap.types import Bytes
 
 _FINE_PX = 0.5
-"""Bisection steps to locate the contour between two differing pixels."""
+"""Steps along the normal in which the interpolated silhouette is sampled about a contour."""
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
