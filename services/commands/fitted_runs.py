@@ -198,7 +198,7 @@ def _say_what_changed(job: TakeJob, before: Actor, after: Actor) -> None:
         became = "were learnt" if after.colours else "cannot be told apart any more"
         say(f"{_AS_IT_IS}; the actor's colours {became}")
         return
-    rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, after)), strict=True)
+    rows = zip(*(measure(build_body(actor.bare)) for actor in (before, after)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
     stored = f"xormocap fit {job.take.folder} --refine {job.out} stores this body in the take"

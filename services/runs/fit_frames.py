@@ -15,6 +15,7 @@ from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.both_ways import found_anew
 from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch
@@ -101,14 +102,16 @@ def _fitted_once_more(
     *,
     is_refined_next: bool,
 ) -> Way:
-    """The best of a way and of further fits: one in a skirt, if the actor seems to wear one, and one from the
-    first pose as found_again finds it with the fitted body (None: the pose was given).
+    """The best of a way and of further fits: one in a skirt or a hat, if the actor seems to wear one, and
+    one from the first pose as found_again finds it with the fitted body (None: the pose was given).
 
     is_refined_next: the last one is left out if that pose is near the way's.
     """
     ways = [way]
-    dressed = actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
-    if dressed.skirt is not None:
+    in_skirt = in_best_skirt(way.fit.actor, way.fit.poses, rig, seen)
+    worn = in_best_hat(in_skirt, way.fit.poses, rig, seen)
+    dressed = actor.in_skirt(worn.skirt).in_hat(worn.hat)
+    if dressed != dressed.bare:
         ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
     fitted = ways[-1].fit
     pose = fitted.poses[0] if found_again is None else found_again(fitted.actor, fitted.poses[0])
@@ -121,7 +124,7 @@ def _fitted_once_more(
 def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *, search: SearchSettings) -> Floats:
     """The pose (D,) of the first frame (P, H, W) for a fitted actor: the fit's, or a better one.
 
-    The body by which the first pose was found had other limbs and no skirt.
+    The body by which the first pose was found had other limbs, and no skirt or hat.
     """
     with model_on_cpu(actor, rig) as model:
         anew = found_anew(model, search, LocalLimbs(model), seen, pose)

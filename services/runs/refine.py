@@ -22,6 +22,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
 from services.mocap.fit.contours import evenly
 from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
 from services.mocap.search.error_by_part import PART_SEGMENTS
@@ -136,10 +137,10 @@ def fit_other_way_round(
 def _fitted(
     take: Take, rig: Rig, seen: TriPlanes, actor: Actor, poses: Floats, body: BodyName, clock: Clock
 ) -> Fit:
-    """Fit an actor, in a skirt if that suits better, to frames (F, P, H, W) that lie apart, from poses
-    (F, D)."""
+    """Fit an actor, in a skirt or a hat if that suits better, to frames (F, P, H, W) that lie apart, from
+    poses (F, D)."""
     with clock.stage("fitting the actor") as progress:
-        start = in_best_skirt(actor, poses, rig, seen)
+        start = in_best_hat(in_best_skirt(actor, poses, rig, seen), poses, rig, seen)
         return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
 
 

@@ -30,6 +30,10 @@ _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
     "it is estimated from what is visible of them"
 )
+_HAT = (
+    "the actor seems to wear a hat with a brim: it is part of the fitted head, but no measure includes it; "
+    "which way the head is turned is estimated from what is visible of it"
+)
 _OCCLUDED = (
     "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "
     "for nothing"
@@ -131,7 +135,9 @@ def concluded(
         log.warning("%s", sentence)
     if actor.skirt is not None:
         log.warning(_SKIRT, 100.0 * actor.skirt.length * actor.height)
-    measures = measure(build_body(actor.wearing(None)))
+    if actor.hat is not None:
+        log.warning(_HAT)
+    measures = measure(build_body(actor.bare))
     if fit.shape_covariance is not None and fit.after.iou.mean() >= LEAST_USUAL_IOU:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings, lacking=lacking)

@@ -11,9 +11,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_serializer, field_validator
 
-from services.mocap.body.body_mesh import BodyMesh, OwnMesh, SegmentMesh, Skirt, generic_mesh, with_skirt
+from services.mocap.body.body_mesh import BodyMesh, OwnMesh, SegmentMesh, generic_mesh
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.colours import check_colours, class_table
+from services.mocap.body.garments import Hat, Skirt, with_hat, with_skirt
 from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms, surface_transforms
 from services.mocap.body.profiles import SECTIONS, SHAPED_BY, Profile, check_profiles, factors_along
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
@@ -63,6 +64,8 @@ class Actor(BaseModel):
 
     skirt: Skirt | None = Field(default=None, description="a table with length and flare")
     """A skirt or the tails of a coat, if the actor wears one."""
+    hat: Hat | None = Field(default=None, description="a table with brim, rim and crown")
+    """A hat with a brim, if the actor wears one."""
     colours: Annotated[dict[str, tuple[int, ...]], BeforeValidator(check_colours)] = Field(
         default={}, description="a table of segments with four colour classes each"
     )
@@ -80,13 +83,24 @@ class Actor(BaseModel):
 
     @property
     def form(self) -> BodyMesh:
-        """The mesh that it shapes: its own or the generic one, in a skirt if it wears one."""
-        mesh = self.mesh or generic_mesh()
-        return mesh if self.skirt is None else with_skirt(mesh, self.skirt)
+        """The mesh that it shapes: its own or the generic one, in a skirt and a hat if it wears them."""
+        mesh: BodyMesh = self.mesh or generic_mesh()
+        if self.skirt is not None:
+            mesh = with_skirt(mesh, self.skirt)
+        return mesh if self.hat is None else with_hat(mesh, self.hat)
 
-    def wearing(self, skirt: Skirt | None) -> "Actor":
+    def in_skirt(self, skirt: Skirt | None) -> "Actor":
         """The same actor in another skirt, or in none."""
         return self.model_copy(update={"skirt": skirt})
+
+    def in_hat(self, hat: Hat | None) -> "Actor":
+        """The same actor in another hat, or in none."""
+        return self.model_copy(update={"hat": hat})
+
+    @property
+    def bare(self) -> "Actor":
+        """The same actor without skirt and hat, as measured."""
+        return self.in_skirt(None).in_hat(None)
 
     def to_toml(self) -> str:
         """The text of actor.toml, in the order of BONES and SECTIONS, so that equal actors have one hash."""
@@ -95,9 +109,10 @@ class Actor(BaseModel):
             name: self.profiles[name].model_dump(mode="json") for name in SECTIONS if name in self.profiles
         }
         depth = None if self.hip_depth == 1.0 else self.hip_depth
-        skirt = None if self.skirt is None else self.skirt.model_dump()
+        worn = {name: getattr(self, name) for name in ("skirt", "hat")}
         tables: dict[str, object] = {"height": self.height, "hip_depth": depth, "bone_lengths": lengths}
-        tables |= {"profiles": profiles or None, "mesh": self._mesh_name(self.mesh), "skirt": skirt}
+        tables |= {"profiles": profiles or None, "mesh": self._mesh_name(self.mesh)}
+        tables |= {name: None if garment is None else garment.model_dump() for name, garment in worn.items()}
         tables["colours"] = dict(sorted(self.colours.items())) or None
         return tomli_w.dumps({name: value for name, value in tables.items() if value is not None})
 

@@ -8,26 +8,21 @@ import hashlib
 import io
 import zipfile
 from dataclasses import dataclass, field
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from services.mocap.body import shape_profiles
 from services.mocap.body.bones import BONES
-from services.mocap.body.cloth_frames import WEBS
 from services.mocap.body.kinematics import CLOTH_FRAMES
 from services.mocap.body.shape_loft import loft_mesh
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES, SEGMENTS
 from services.mocap.body.surface import MIRROR, as_one, is_closed
-from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
 # Gives about 21,400 triangles in all, as many as the model of Theobalt et al. 2003 has.
 EDGE_HEIGHTS = 0.0101
-_MESHES_KEPT = 64
 _FORMAT = 1
 _MOST_BYTES = 48 * 1024 * 1024
 _RATIO_RANGE = (0.2, 5.0)
@@ -54,12 +49,6 @@ class SegmentMesh:
 
 
 NOTHING = SegmentMesh("nothing", np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-_WEB = SegmentMesh(
-    "web",
-    np.vstack([np.zeros((1, 3)), np.eye(3)]),
-    np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32),
-)
-"""A unit tetrahedron, whose corners a web's frame takes to points of the legs: not in body heights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,28 +113,6 @@ def generic_mesh() -> BodyMesh:
     offsets_heights = np.array([joint.offset_heights for joint in JOINTS])
     lengths_heights = {name: bone.length_heights for name, bone in BONES.items()}
     return BodyMesh(generic_segments(), offsets_heights, lengths_heights)
-
-
-class Skirt(FrozenModel):
-    """What of a skirt or a coat covers the legs: a cone that hangs about them, and webs between them.
-
-    Without webs (cloth_frames.py), legs would be searched at the outline of the cloth.
-    """
-
-    length: float = Field(
-        ge=0.05, le=0.5, description="from the hip joints to the hem, 0.05 to 0.5 body heights"
-    )
-    """From the hip joints to the hem, in body heights."""
-    flare: float = Field(ge=0.0, le=0.2, description="hem beyond hips, on each side, 0 to 0.2 body heights")
-    """How far the hem reaches beyond the hips on every side, in body heights."""
-
-
-@lru_cache(_MESHES_KEPT)
-def with_skirt(mesh: BodyMesh, skirt: Skirt) -> BodyMesh:
-    """A body's mesh in a skirt."""
-    cone = SegmentMesh("pelvis", *loft_mesh(shape_profiles.skirt(skirt.length, skirt.flare), EDGE_HEIGHTS))
-    cloth = (cone, *[_WEB] * len(WEBS))
-    return BodyMesh(mesh.segments, mesh.offsets_heights, mesh.lengths_heights, cloth)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,7 @@ def with_uncertainties(
 
 def _cm(actor: Actor, x: Floats) -> Floats:
     """(M,) the measures of a shape vector of the actor's mesh."""
-    return np.array([row.cm for row in measure(body_of(x, actor.wearing(None)))])
+    return np.array([row.cm for row in measure(body_of(x, actor.bare))])
 
 
 _Row = tuple[str, float, str]

@@ -201,3 +201,25 @@ def skirt(length: float, flare: float) -> Loft:
         across = half_width + out
         rows.append((z, -across, across, back - out, front + out, 2.3, 2.3))
     return Loft("zyx", tuple(rows), -length, _SKIRT_TOP, _SKIRT_CAP, _SKIRT_CAP)
+
+
+_HAT_HEAD = (0.0438, -0.0565, 0.0575)
+"""Half width, back and front of the head where it is largest."""
+_BRIM_THICKNESS, _CROWN_EASE, _CROWN_CAP = 0.006, 1.1, 0.02
+"""Of a brim; a crown's size over that of the head; the rounding of its top."""
+
+
+def hat(brim: float, rim: float, crown: float) -> tuple[Loft, Loft]:
+    """A brim, `brim` times as large as the head, `rim` over its joint, and a crown, `crown` over its top."""
+    half_width, back, front = _HAT_HEAD
+    middle = (back + front) / 2
+
+    def row(z: float, size: float) -> tuple[float, float, float, float, float, float, float]:
+        across, depth = half_width * size, (front - back) / 2 * size
+        return (z, -across, across, middle - depth, middle + depth, 2.0, 2.0)
+
+    over, top, cap = rim + _BRIM_THICKNESS, HEAD[0].end + crown, _BRIM_THICKNESS / 2
+    return (
+        Loft("zyx", (row(rim, brim), row(over, brim)), rim, over, cap, cap),
+        Loft("zyx", (row(rim, _CROWN_EASE), row(top, 1.0)), rim, top, cap, _CROWN_CAP),
+    )

@@ -120,7 +120,7 @@ def clip_to_bounds(x: Floats) -> Floats:
 
 
 def actor_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Actor:
-    """The actor of a shape vector (len(PARAMETERS),) within the bounds, with the mesh and skirt of base."""
+    """The actor of a shape vector (len(PARAMETERS),) within the bounds, with the mesh and what base wears."""
     factors = dict(zip(INDEX, np.exp(x).tolist(), strict=True))
     lengths_heights = base.form.lengths_heights
     height_m = DEFAULT_HEIGHT_M * factors["height"]
@@ -136,6 +136,7 @@ def actor_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Actor:
         hip_depth=factors["hip_depth"],
         mesh=base.mesh,
         skirt=base.skirt,
+        hat=base.hat,
         colours=base.colours,
     )
 
@@ -182,7 +183,7 @@ def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
     that a measuring rod shows. Within the bounds.
     """
     for _ in range(_HEIGHT_ROUNDS):
-        body = body_of(without_shoes(x), base)
+        body = body_of(without_shoes(x), base.bare)
         off = np.log(body.standing_height_m / body.height_m)
         if abs(off) < _SAME_HEIGHT:
             break
@@ -198,5 +199,5 @@ def without_shoes(x: Floats) -> Floats:
 
 
 def body_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Body:
-    """The body of a shape vector (len(PARAMETERS),), with the mesh and the skirt of base."""
+    """The body of a shape vector (len(PARAMETERS),), with the mesh and what base wears."""
     return build_body(actor_of(x, base))

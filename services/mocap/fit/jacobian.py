@@ -41,7 +41,7 @@ class ShapeSlopes:
     def at(
         cls, x: Floats, parameters: tuple[int, ...], base: Actor = shape_space.GENERIC_ACTOR
     ) -> "ShapeSlopes":
-        """By differences from the shape vector x (len(PARAMETERS),), with the mesh and the skirt of base."""
+        """By differences from the shape vector x (len(PARAMETERS),), with the mesh and what base wears."""
         body = shape_space.body_of(x, base)
         vertices_m, starts = _vertices_m(body), topology(body.mesh).starts[:-1]
         vertex_slopes_m = np.zeros((len(vertices_m), len(parameters), 3))

@@ -58,7 +58,7 @@ class _Matched:
 class Fitting:
     """The least-squares problem of some frames: contours of F frames before a rig, and a prior.
 
-    base: has the mesh and the skirt whose shapes are sought.
+    base: has the mesh, the skirt and the hat whose shapes are sought.
     """
 
     def __init__(

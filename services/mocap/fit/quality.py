@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, count_bits, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -54,10 +54,10 @@ def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Act
 
     @cache
     def energy_px(skirt: Skirt | None) -> float:
-        return float(quality_of(build_body(actor.wearing(skirt)), poses, rig, seen).energy_px.sum())
+        return float(quality_of(build_body(actor.in_skirt(skirt)), poses, rig, seen).energy_px.sum())
 
     lengths = [Skirt(length=length, flare=_FIRST_FLARE_HEIGHTS) for length in _LENGTHS_HEIGHTS]
     length = min(lengths, key=energy_px).length
     best = min((Skirt(length=length, flare=flare) for flare in _FLARES_HEIGHTS), key=energy_px)
     explains = energy_px(best) < (1.0 - _LEAST_GAIN) * energy_px(None)
-    return actor.wearing(best if explains else None)
+    return actor.in_skirt(best if explains else None)

@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, _shape, build_body
-from services.mocap.body.body_mesh import Skirt, generic_segments
+from services.mocap.body.body_mesh import generic_segments
 from services.mocap.body.bones import BONES, trunk_widening
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
+from services.mocap.body.garments import Skirt
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.skeleton import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.body.surface import is_closed, volume_m3
 
@@ -14,7 +14,7 @@ PELVIS = SEGMENT_INDEX["pelvis"]
 @pytest.mark.parametrize(("length", "flare"), [(0.05, 0.0), (0.3, 0.03), (0.5, 0.2)])
 def test_segments_stay_and_the_cloth_reaches_down_to_the_hem(length: float, flare: float) -> None:
     bare = build_body(Actor(height=1.6))
-    dressed = build_body(Actor(height=1.6).wearing(Skirt(length=length, flare=flare)))
+    dressed = build_body(Actor(height=1.6).in_skirt(Skirt(length=length, flare=flare)))
     np.testing.assert_array_equal(dressed.offsets_m[:-1], bare.offsets_m)
     np.testing.assert_allclose(dressed.offsets_m[-1], (0.0, 0.0, -1.6 * length))
     for one, other in zip(dressed.vertices_m, bare.vertices_m, strict=True):

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.camera.camera import Camera

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.body_mesh import Skirt
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
+from services.mocap.body.garments import Skirt
 from services.mocap.body.kinematics import N_DOF, SURFACE_FRAMES, frame_transforms, joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.rig import Rig

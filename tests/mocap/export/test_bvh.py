@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.humanoid_names import Naming, bone_names, matched_joints
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER

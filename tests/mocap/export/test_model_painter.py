@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig

@@ -7,7 +7,7 @@ import trimesh
 from characters import bind_pose as t_pose
 from characters import write_skinned_glb
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.export.skin import Skin, skin_of

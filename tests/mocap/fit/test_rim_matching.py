@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
-from services.mocap.body.body_mesh import Skirt
+from services.mocap.body.garments import Skirt
 from services.mocap.body.kinematics import N_DOF, surface_transforms
 from services.mocap.body.shape_space import GENERIC_ACTOR, PARAMETERS, body_of
 from services.mocap.camera.rig import Rig
@@ -119,7 +119,7 @@ def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[...,
 
 @pytest.mark.parametrize("skirt", [None, Skirt(length=0.35, flare=0.03)])
 def test_slopes_are_those_of_the_surface(rig: Rig, a_person: Callable[..., Any], skirt: Skirt | None) -> None:
-    person, base = a_person(1, 1), GENERIC_ACTOR.wearing(skirt)
+    person, base = a_person(1, 1), GENERIC_ACTOR.in_skirt(skirt)
     x, pose = person.x * 0.5, person.guess
     contours = contours_of(rig, person.seen, 50)[0]
     matches = match_frames(body_of(x, base), pose[None], rig, [contours])[0]
