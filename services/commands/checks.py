@@ -10,6 +10,7 @@ from services.commands.consoles import progress_bar, warn
 from services.mocap.calibration.mistakes import Mistake, mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.errors import NotInViewError, TakeError
+from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.segmenter_name import kind_of
@@ -97,7 +98,7 @@ def _mistakes(
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
-        some = looked_at[:: -(-len(looked_at) // _FRAMES_FOR_FEET)]
+        some = [looked_at[k] for k in evenly(len(looked_at), _FRAMES_FOR_FEET)]
         together = trimaps_of(take, some, silhouettes.segmenter, lambda _: None)
         yield from silhouette_faults(cameras, outlines, together, moved)
 

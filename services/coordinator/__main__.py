@@ -91,9 +91,8 @@ def main(
 def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fitted: Path | None) -> Plan:
     """The plan of the session, with the results of a fit from its own folder or from the take."""
     actor = take_actor(take, fitted)
-    if actor is None or isinstance(
-        take, LiveTake
-    ):  # live frames are not a fit's; segmentation knows the rest
+    # A fit's poses are of other frames than live ones; segmentation reads what the fit learnt of colours.
+    if actor is None or isinstance(take, LiveTake):
         return Plan(take, frames, search, segmenter, actor)
     fit_folder = fitted or take.folder / FIT_FOLDER
     poses = known_poses(fit_folder, actor, take.settings)

@@ -19,7 +19,8 @@ _EDGE_PX = 3
 _FLOATING_M = 0.1, 0.6
 """How far above the floor the lowest point is if the feet are missing; more is another world, or a jump."""
 _ON_FLOOR_M = 0.05
-"""Soles are seen lower than this: shadows between the shoes, and what few cameras leave open, add to it."""
+"""Soles are seen lower than this, even where a shadow between the shoes, or what few cameras leave open,
+counts as actor."""
 
 
 def silhouette_faults(
@@ -47,7 +48,7 @@ def silhouette_faults(
     bottoms_m = [_bottom_m(cameras, trimaps) for trimaps in some_trimaps]
     floating_m = {k: of for k, of in enumerate(bottoms_m) if of is not None and low_m < of < high_m}
     if not floating_m or any(of is not None and of < _ON_FLOOR_M for of in bottoms_m):
-        return  # where the feet reach the floor in another frame the actor jumps
+        return  # feet that reach the floor in another frame are not missing: a jump, or a shadow on a shoe
     k = min(floating_m, key=floating_m.__getitem__)
     reaching = [_bottom_m(cameras, some_trimaps[k], without=c) for c in range(len(cameras))]
     lacking = [cameras[c].name for c, of in enumerate(reaching) if of is not None and of < low_m]

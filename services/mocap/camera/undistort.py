@@ -8,6 +8,8 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Floats, Ints, Mask, Trimap
 
+_UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+"""OpenCV's default of five rounds leaves tens of pixels at the corners of a wide lens."""
 _NO_FRACTIONS = np.zeros((0, 0), np.uint16)
 """The second map of cv2.remap where the first one has whole pixels."""
 
@@ -116,9 +118,11 @@ def undistortion_maps(camera: Camera, kind: int) -> tuple[np.ndarray, np.ndarray
 
 def undistorted_px(camera: Camera, raw_px: Floats, K: Floats | None = None) -> Floats:
     """(N, 2) raw pixels to those of a pinhole (3, 3), by default the camera's."""
-    undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
     onto = camera.K if K is None else K
-    pixels = undistort(raw_px[:, None], camera.K, camera.distortion, P=onto)
+    if camera.fisheye:
+        pixels = cv2.fisheye.undistortPoints(raw_px[:, None], camera.K, camera.distortion, P=onto)
+    else:
+        pixels = cv2.undistortPoints(raw_px[:, None], camera.K, camera.distortion, P=onto, criteria=_UNTIL)
     return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 

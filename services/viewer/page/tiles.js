@@ -18,6 +18,7 @@ export function explainIou(words) {
 export function setTiles({ frame, tiles }, blobs) {
   const ious = tiles.map((tile) => tile.iou ?? 2);
   const worst = tiles.length > 1 && Math.min(...ious) < 2 ? ious.indexOf(Math.min(...ious)) : -1;
+  GRID.classList.add("told"); // an empty grid is now the user's choice
   const before = GRID.children.length;
   while (GRID.children.length > tiles.length) GRID.lastChild.remove();
   while (GRID.children.length < tiles.length) GRID.append(makeTile());

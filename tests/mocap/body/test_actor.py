@@ -13,7 +13,7 @@ from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, _shape, bui
 from services.mocap.body.body_mesh import generic_segments
 from services.mocap.body.bones import BONES, trunk_widening
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
-from services.mocap.body.garments import Skirt
+from services.mocap.body.garments import Hat, Skirt
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.skeleton import (
@@ -41,6 +41,8 @@ ACTORS = st.builds(
         st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS), max_size=3
     ),
     skirt=st.none() | st.builds(Skirt, length=st.floats(0.05, 0.5), flare=st.floats(0.0, 0.2)),
+    hat=st.none()
+    | st.builds(Hat, brim=st.floats(1.0, 3.0), rim=st.floats(0.0, 0.08), crown=st.floats(0.0, 0.15)),
     colours=st.dictionaries(
         st.sampled_from(COLOURED), st.tuples(*[st.integers(0, MOST_CLASSES)] * QUARTERS), max_size=3
     ),
@@ -94,7 +96,7 @@ def changed_coordinates(body: Body, other: Body) -> tuple[set[tuple[str, str]], 
 def test_toml_round_trip(actor: Actor) -> None:
     assert Actor.from_toml(actor.to_toml()) == actor
     assert Actor.from_toml(actor.to_toml()).content_hash == actor.content_hash
-    unset = {name for name in ("mesh", "profiles", "skirt", "colours") if not getattr(actor, name)}
+    unset = {name for name in ("mesh", "profiles", "skirt", "hat", "colours") if not getattr(actor, name)}
     unset |= {"hip_depth"} if actor.hip_depth == 1.0 else set()
     fields = set(Actor.model_fields) - unset
     assert set(tomllib.loads(actor.to_toml())) == fields

@@ -27,6 +27,7 @@ from test_formats import (
     same,
 )
 
+from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.camera.formats.reading import read_loose
 from services.mocap.errors import CalibrationError
 
@@ -151,6 +152,7 @@ def test_cameras_of_more_tools_see_what_they_saw(tmp_path: Path, write: Callable
         (2.8e-7, 7.6e-14, 7.8e-20),  # as of a wide video camera: corners are 1.6 times as far out
         (1e-8, 0.0, 0.0),
         (-6e-8, 1e-14, 0.0),  # a pincushion
+        (6e-7, 0.0, 0.0),
     ],
 )
 def test_vicons_lens_corrects_points_of_the_picture(tmp_path: Path, per_px: tuple[float, ...]) -> None:
@@ -163,14 +165,21 @@ def test_vicons_lens_corrects_points_of_the_picture(tmp_path: Path, per_px: tupl
         times = 1 + radii_px[:, None] ** [2, 4, 6] @ per_px
         rays = np.column_stack([from_centre_px * times[:, None] / focal_px, np.ones(len(points_px))])
         seen_px, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), one.K, one.distortion)
-        np.testing.assert_allclose(seen_px[:, 0], points_px, atol=1.2)
+        np.testing.assert_allclose(seen_px[:, 0], points_px, atol=0.1)
 
 
-def test_coefficients_that_are_not_vicons_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("per_px", [(-0.1, 0.05, 0.0), (-4e-7, 0.0, 0.0)])
+def test_coefficients_that_are_not_vicons_are_refused(tmp_path: Path, per_px: tuple[float, ...]) -> None:
+    """The second ones would fold the picture's corners over."""
     with pytest.raises(
         CalibrationError, match=r"VICON_RADIAL: moves a point of the picture to .* expected Vicon's"
     ):
-        read(as_vicon(tmp_path, (-0.1, 0.05, 0.0)))
+        read(as_vicon(tmp_path, per_px))
+
+
+def test_a_usual_lens_of_vicon_can_be_held(tmp_path: Path) -> None:
+    names = [one.name for one in CAMERAS]
+    assert list(known_lenses(as_vicon(tmp_path, (3e-8, 0.0, 0.0)), names)) == names
 
 
 @pytest.mark.parametrize("write", [as_qualisys, as_vicon, as_opencap, as_biocv])

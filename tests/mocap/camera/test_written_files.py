@@ -39,7 +39,8 @@ NAMES = [one.name for one in CAMERAS]
     ],
 )
 def test_a_file_that_a_tool_wrote_is_read(folder: str, names: list[str], tolerance_px: float) -> None:
-    found, _ = read(WRITTEN / folder, up=None, size_px=(1920, 1080))
+    has_no_size = folder == "pose2sim_to_easymocap"
+    found, _ = read(WRITTEN / folder, up=None, size_px=(1920, 1080) if has_no_size else None)
     assert [one.name for one in found] == names
     for one, true in zip(found, CAMERAS, strict=True):
         same(one, true, tolerance_px)

@@ -4,6 +4,7 @@ Pixel centres have half-integer coordinates in COLMAP, integer ones here.
 """
 
 from pathlib import Path, PurePosixPath
+from shlex import quote
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,10 +32,10 @@ _MODELS: dict[str, tuple[str, ...]] = {
 
 def read_colmap(folder: Path) -> Loose:
     """A camera for every image, named after its folder if each image has its own folder."""
-    if not (folder / _IMAGES).exists():
+    if (folder / _BINARY).exists() and not (folder / _IMAGES).exists():
         raise CalibrationError(
             f"{folder}: is COLMAP's binary model: expected its text model: type: colmap model_converter "
-            f"--input_path {folder} --output_path {folder} --output_type TXT"
+            f"--input_path {quote(str(folder))} --output_path {quote(str(folder))} --output_type TXT"
         )
     lenses = {row[0]: row[1:] for row in _rows(folder / _CAMERAS)}
     images = _rows(folder / _IMAGES, every=2)

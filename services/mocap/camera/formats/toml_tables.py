@@ -50,7 +50,9 @@ def _tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, dict[str
     for key, table in tables.items():
         if not isinstance(table, dict):
             continue
-        if table.keys() >= _LENS or "size" in table:
+        if table.keys() >= _LENS or (
+            "size" in table and not any(isinstance(v, dict) for v in table.values())
+        ):
             yield f"{before}{key}", table
         else:
             yield from _tables(table, f"{before}{key}.")

@@ -19,7 +19,9 @@ from services.mocap.types import Floats
 
 _SUFFIXES = (".xcp",)
 _RADII = 200
-_LARGEST_CORRECTION = 4.0
+_POWERS = np.array([2.0, 4.0, 6.0])
+_EXACT_PX, _MOST_OFF_PX = 0.1, 1.0
+"""How far off three coefficients may be before six are fitted, and how far these."""
 
 
 def read_vicon(path: Path) -> Loose:
@@ -56,7 +58,9 @@ def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
     if not np.any(quaternion):
         raise CalibrationError(f"{where}: ORIENTATION: is zero: expected a camera that Vicon has calibrated")
     R = np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
-    reach_px = float(np.hypot(max(cx, width - cx), max(cy, height - cy)))
+    if focal_px <= 0 or aspect <= 0:
+        raise CalibrationError(f"{where}: FOCAL_LENGTH and PIXEL_ASPECT_RATIO: expected numbers over 0")
+    reach_px = float(np.hypot(max(cx, width - cx), max(cy, height - cy) * aspect))
     return LooseCamera(
         name=tag.get("DEVICEID", "?"),
         K=np.array([[focal_px, 0.0, cx], [0.0, focal_px / aspect, cy], [0.0, 0.0, 1.0]]),
@@ -68,27 +72,37 @@ def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
 
 
 def _distortion(where: str, frame: Element, focal_px: float, reach_px: float) -> Floats:
-    """(8,) OpenCV's coefficients: a radius u is divided by 1 + k4 u^2 + k5 u^4 + k6 u^6 in the picture.
+    """OpenCV's coefficients for Vicon's correction: k1 to k3 of its usual model (5,) if they suffice, or all
+    six of its rational one (8,).
 
-    reach_px: from the principal point to the farthest corner. VICON_RADIAL2 holds a word, the centre, k1, k2
-    and k3; the older VICON_RADIAL k1 and k2.
+    reach_px: from the principal point to the farthest corner, where pixels are square. VICON_RADIAL2 holds a
+    word, the centre, k1, k2 and k3; the older VICON_RADIAL k1 and k2.
     """
     if frame.get("VICON_RADIAL2"):
         radial = frame.get("VICON_RADIAL2", "").split()[3:6]
     else:
         radial = frame.get("VICON_RADIAL", "0 0").split()[:2]
     per_px = array_of([*radial, 0, 0, 0][:3], (3,), f"{where}: VICON_RADIAL")
-    powers = np.array([2, 4, 6])
     radii_px = np.linspace(0, reach_px, _RADII)[1:]
-    times = 1 + radii_px[:, None] ** powers @ per_px
-    if not 1 / _LARGEST_CORRECTION < times.min() <= times.max() < _LARGEST_CORRECTION:
-        raise CalibrationError(
-            f"{where}: VICON_RADIAL: moves a point of the picture to {times[np.abs(times - 1).argmax()]:.3g} "
-            "times its distance from the centre: expected Vicon's coefficients, of radii in pixels"
-        )
+    times = 1 + radii_px[:, None] ** _POWERS @ per_px
+    if times.min() > 0 and np.all(np.diff(radii_px * times) > 0):
+        for n_coefficients, most_px in ((3, _EXACT_PX), (6, _MOST_OFF_PX)):
+            k, off_px = _fitted(radii_px, times, focal_px, n_coefficients)
+            if off_px < most_px:
+                return np.concatenate([k[:2], (0.0, 0.0), k[2:]])  # k1, k2, p1, p2, k3, …
+    raise CalibrationError(
+        f"{where}: VICON_RADIAL: moves a point of the picture to {times[np.abs(times - 1).argmax()]:.3g} "
+        "times its distance from the centre, as no lens does: expected Vicon's coefficients, in pixels"
+    )
+
+
+def _fitted(radii_px: Floats, times: Floats, focal_px: float, n_coefficients: int) -> tuple[Floats, float]:
+    """The first coefficients of (1 + k1 u^2 + k2 u^4 + k3 u^6) / (1 + k4 u^2 + k5 u^4 + k6 u^6), by which a
+    corrected radius u is in the picture what it is there, and by how many pixels they miss one at most."""
     corrected = radii_px * times / focal_px
-    pixels_per_unit = radii_px / times  # what an error of the ratio moves in the picture
-    k4_to_k6 = np.linalg.lstsq(
-        corrected[:, None] ** powers * pixels_per_unit[:, None], (times - 1) * pixels_per_unit
-    )[0]
-    return np.concatenate([np.zeros(5), k4_to_k6])
+    powers = (corrected / corrected[-1])[:, None] ** _POWERS
+    columns = np.hstack([times[:, None] * powers, -powers])[:, :n_coefficients]
+    scaled = np.linalg.lstsq(columns * radii_px[:, None], (1 - times) * radii_px)[0]
+    above, below = (powers @ part if len(part) else 0.0 for part in (scaled[:3], scaled[3:]))
+    off_px = np.abs(radii_px * (times * (1 + above) / (1 + below) - 1)).max()
+    return scaled / np.tile(corrected[-1] ** _POWERS, 2)[:n_coefficients], float(off_px)
