@@ -31,8 +31,8 @@ _SKIRT = (
     "it is estimated from what is visible of them"
 )
 _HAT = (
-    "the actor seems to wear a hat with a brim: it is part of the fitted head, but no measure includes it; "
-    "which way the head is turned is estimated from what is visible of it"
+    "the actor seems to wear a hat with a brim or a peak: it is part of the fitted head, but no measure "
+    "includes it; which way the head is turned is estimated from what is visible of it"
 )
 _OCCLUDED = (
     "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "

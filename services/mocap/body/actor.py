@@ -64,8 +64,8 @@ class Actor(BaseModel):
 
     skirt: Skirt | None = Field(default=None, description="a table with length and flare")
     """A skirt or the tails of a coat, if the actor wears one."""
-    hat: Hat | None = Field(default=None, description="a table with brim, rim and crown")
-    """A hat with a brim, if the actor wears one."""
+    hat: Hat | None = Field(default=None, description="a table with brim, peak, rim and crown")
+    """A hat with a brim, or a cap with a peak, if the actor wears one."""
     colours: Annotated[dict[str, tuple[int, ...]], BeforeValidator(check_colours)] = Field(
         default={}, description="a table of segments with four colour classes each"
     )

@@ -44,13 +44,17 @@ def with_skirt(mesh: BodyMesh, skirt: Skirt) -> BodyMesh:
 
 
 class Hat(FrozenModel):
-    """A hat with a brim all round.
+    """A hat with a brim, or a cap with a peak.
 
     Without it, the head was fitted as wide as the brim and turned to where the brim was.
     """
 
-    brim: float = Field(ge=1.0, le=3.0, description="its size over that of the head, 1 to 3")
-    """How many times as far as the head it reaches from the head's middle."""
+    brim: float = Field(
+        ge=1.0, le=3.0, description="its reach at the sides and behind over the head's, 1 to 3"
+    )
+    """How many times as far as the head it reaches from the head's middle, at the sides and behind."""
+    peak: float = Field(ge=1.0, le=3.0, description="its reach in front over the head's, 1 to 3")
+    """The same in front."""
     rim: float = Field(
         ge=0.0, le=0.08, description="its height over the head's joint, 0 to 0.08 body heights"
     )
@@ -64,7 +68,9 @@ class Hat(FrozenModel):
 @lru_cache(_MESHES_KEPT)
 def with_hat(mesh: BodyMesh, hat: Hat) -> BodyMesh:
     """A body's mesh in a hat, which is part of the head's surface."""
-    lofts = [loft_mesh(loft, EDGE_HEIGHTS) for loft in shape_profiles.hat(hat.brim, hat.rim, hat.crown)]
+    lofts = [
+        loft_mesh(loft, EDGE_HEIGHTS) for loft in shape_profiles.hat(hat.brim, hat.peak, hat.rim, hat.crown)
+    ]
     segments = tuple(
         SegmentMesh("head", *as_one([(segment.vertices_heights, segment.faces), *lofts]))
         if segment.name == "head"

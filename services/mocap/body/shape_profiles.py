@@ -209,17 +209,18 @@ _BRIM_THICKNESS, _CROWN_EASE, _CROWN_CAP = 0.006, 1.1, 0.02
 """Of a brim; a crown's size over that of the head; the rounding of its top."""
 
 
-def hat(brim: float, rim: float, crown: float) -> tuple[Loft, Loft]:
-    """A brim, `brim` times as large as the head, `rim` over its joint, and a crown, `crown` over its top."""
+def hat(brim: float, peak: float, rim: float, crown: float) -> tuple[Loft, Loft]:
+    """A brim, `brim` times as large as the head and in front `peak` times, `rim` over the head's joint, and a
+    crown, `crown` over its top."""
     half_width, back, front = _HAT_HEAD
-    middle = (back + front) / 2
+    middle, half_depth = (back + front) / 2, (front - back) / 2
 
-    def row(z: float, size: float) -> tuple[float, float, float, float, float, float, float]:
-        across, depth = half_width * size, (front - back) / 2 * size
-        return (z, -across, across, middle - depth, middle + depth, 2.0, 2.0)
+    def row(z: float, size: float, ahead: float) -> tuple[float, float, float, float, float, float, float]:
+        across = half_width * size
+        return (z, -across, across, middle - half_depth * size, middle + half_depth * ahead, 2.0, 2.0)
 
     over, top, cap = rim + _BRIM_THICKNESS, HEAD[0].end + crown, _BRIM_THICKNESS / 2
     return (
-        Loft("zyx", (row(rim, brim), row(over, brim)), rim, over, cap, cap),
-        Loft("zyx", (row(rim, _CROWN_EASE), row(top, 1.0)), rim, top, cap, _CROWN_CAP),
+        Loft("zyx", (row(rim, brim, peak), row(over, brim, peak)), rim, over, cap, cap),
+        Loft("zyx", (row(rim, _CROWN_EASE, _CROWN_EASE), row(top, 1.0, 1.0)), rim, top, cap, _CROWN_CAP),
     )

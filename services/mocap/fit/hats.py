@@ -18,9 +18,8 @@ from services.mocap.fit.priors import MEAN, WEIGHT_APART_PX3, Prior
 from services.mocap.fit.quality import quality_of
 from services.mocap.types import Floats
 
-_FIRST = Hat(brim=1.75, rim=0.03, crown=0.02)
-_RIMS_HEIGHTS, _CROWNS_HEIGHTS, _BRIMS = (0.015, 0.045), (0.0, 0.04), (1.4, 2.1)
-"""What is compared with the first hat, one after the other."""
+_WITH_BRIM = Hat(brim=1.75, peak=1.75, rim=0.03, crown=0.02)
+_WITH_PEAK = Hat(brim=1.1, peak=1.7, rim=0.03, crown=0.012)
 _LEAST_GAIN = 0.05
 """Share of the energy, of the whole body, that a hat must explain."""
 _HEAD = ("head_width", "head_depth")
@@ -50,13 +49,26 @@ def in_best_hat(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor
         return float(quality_of(body, state.poses, rig, seen).energy_px.sum())
 
     most_px = (1.0 - _LEAST_GAIN) * energy_px(actor.in_hat(None))
-    best, best_px = _FIRST, energy_px(usual.in_hat(_FIRST))
-    if best_px > most_px:
+    hats = {hat: energy_px(usual.in_hat(hat)) for hat in (_WITH_BRIM, _WITH_PEAK)}
+    if min(hats.values()) > most_px:
         return actor.in_hat(None)
-    for field, values in (("crown", _CROWNS_HEIGHTS), ("rim", _RIMS_HEIGHTS), ("brim", _BRIMS)):
-        for value in values:
-            hat = best.model_copy(update={field: value})
-            px = energy_px(usual.in_hat(hat))
-            if px < best_px:
-                best, best_px = hat, px
-    return usual.in_hat(best)
+    for others in (_of_other_height, _on_another_level, _of_other_reach):
+        best = min(hats, key=hats.__getitem__)
+        hats |= {hat: energy_px(usual.in_hat(hat)) for hat in others(best)}
+    return usual.in_hat(min(hats, key=hats.__getitem__))
+
+
+def _of_other_height(hat: Hat) -> list[Hat]:
+    return [hat.model_copy(update={"crown": max(hat.crown + change, 0.0)}) for change in (-0.02, 0.02)]
+
+
+def _on_another_level(hat: Hat) -> list[Hat]:
+    return [hat.model_copy(update={"rim": hat.rim + change}) for change in (-0.015, 0.015)]
+
+
+def _of_other_reach(hat: Hat) -> list[Hat]:
+    reach = {"brim": hat.brim, "peak": hat.peak}
+    return [
+        hat.model_copy(update={name: 1.0 + times * (of - 1.0) for name, of in reach.items()})
+        for times in (0.5, 1.5)
+    ]

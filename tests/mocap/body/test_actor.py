@@ -42,7 +42,13 @@ ACTORS = st.builds(
     ),
     skirt=st.none() | st.builds(Skirt, length=st.floats(0.05, 0.5), flare=st.floats(0.0, 0.2)),
     hat=st.none()
-    | st.builds(Hat, brim=st.floats(1.0, 3.0), rim=st.floats(0.0, 0.08), crown=st.floats(0.0, 0.15)),
+    | st.builds(
+        Hat,
+        brim=st.floats(1.0, 3.0),
+        peak=st.floats(1.0, 3.0),
+        rim=st.floats(0.0, 0.08),
+        crown=st.floats(0.0, 0.15),
+    ),
     colours=st.dictionaries(
         st.sampled_from(COLOURED), st.tuples(*[st.integers(0, MOST_CLASSES)] * QUARTERS), max_size=3
     ),

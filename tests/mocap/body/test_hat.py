@@ -10,10 +10,18 @@ from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.body.surface import is_closed, volume_m3
 
 HEAD = SEGMENT_INDEX["head"]
-HAT = Hat(brim=1.75, rim=0.03, crown=0.02)
+HAT = Hat(brim=1.75, peak=1.75, rim=0.03, crown=0.02)
 
 
-@pytest.mark.parametrize("hat", [HAT, Hat(brim=1.0, rim=0.0, crown=0.0), Hat(brim=3.0, rim=0.08, crown=0.15)])
+@pytest.mark.parametrize(
+    "hat",
+    [
+        HAT,
+        Hat(brim=1.0, peak=1.0, rim=0.0, crown=0.0),
+        Hat(brim=3.0, peak=3.0, rim=0.08, crown=0.15),
+        Hat(brim=1.1, peak=1.7, rim=0.03, crown=0.01),
+    ],
+)
 def test_a_brim_and_a_crown_are_added_to_the_head(hat: Hat) -> None:
     bare, dressed = build_body(Actor(height=1.6)), build_body(Actor(height=1.6).in_hat(hat))
     np.testing.assert_array_equal(dressed.offsets_m, bare.offsets_m)
@@ -26,7 +34,9 @@ def test_a_brim_and_a_crown_are_added_to_the_head(hat: Hat) -> None:
     head_m = bare.vertices_m[HEAD]
     assert added_m[:, 2].max() == pytest.approx(head_m[:, 2].max() + 1.6 * hat.crown, abs=1e-3)
     assert added_m[:, 2].min() == pytest.approx(1.6 * hat.rim, abs=1e-3)
-    assert np.ptp(added_m[:, 0]) == pytest.approx(1.6 * 0.114 * max(hat.brim, 1.1), rel=0.03)
+    behind, ahead = max(hat.brim, 1.1), max(hat.peak, 1.1)
+    assert np.ptp(added_m[:, 0]) == pytest.approx(1.6 * 0.057 * (behind + ahead), rel=0.06)
+    assert added_m[:, 0].max() == pytest.approx(1.6 * (0.0005 + 0.057 * ahead), rel=0.06)
     assert np.ptp(added_m[:, 1]) == pytest.approx(1.6 * 0.0876 * max(hat.brim, 1.1), rel=0.03)
 
 

@@ -16,10 +16,11 @@ from services.mocap.energy.picture import Region
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.search.chains import ALL_SURFACES
 
-WORN = Hat(brim=1.75, rim=0.03, crown=0.02)
+WORN = Hat(brim=1.75, peak=1.75, rim=0.03, crown=0.02)
+CAP = Hat(brim=1.1, peak=1.8, rim=0.03, crown=0.02)
 
 
-@pytest.mark.parametrize("worn", [WORN, Hat(brim=2.1, rim=0.015, crown=0.04), None])
+@pytest.mark.parametrize("worn", [WORN, CAP, Hat(brim=2.1, peak=2.1, rim=0.015, crown=0.04), None])
 @pytest.mark.parametrize("before", [WORN, None])
 def test_the_hat_that_is_worn_is_found(
     rig: Rig, a_person: Callable[..., Any], worn: Hat | None, before: Hat | None
@@ -37,5 +38,6 @@ def test_the_hat_that_is_worn_is_found(
     else:
         assert found is not None
         assert found.brim == pytest.approx(worn.brim, abs=0.36)
+        assert found.peak == pytest.approx(worn.peak, abs=0.36)
         assert found.rim == pytest.approx(worn.rim, abs=0.016)
         assert found.crown == pytest.approx(worn.crown, abs=0.021)
