@@ -1,9 +1,11 @@
 """`xormocap new`: makes a take folder from videos where they lie."""
 
 import os
+import shutil
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tomli_w
 import typer
 from rich.markup import escape
@@ -15,7 +17,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
-from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name, unused, unused_remarks
+from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name, unused_remarks
 from services.mocap.take.settings import TakeFile
 from services.mocap.take.video_checks import check_video_size
 from services.mocap.take.video_index import VideoIndex, index_video
@@ -30,16 +32,21 @@ def new(
         Path | None,
         typer.Option(help="The cameras: calibration.toml, or a file of another tool.", metavar="FILE"),
     ] = None,
+    background: Annotated[
+        list[Path] | None,
+        typer.Option(help="Videos or pictures of the empty stage, or a folder of them.", metavar="FILE"),
+    ] = None,
     up: Annotated[Up, typer.Option(help="The axis that points up in the calibrated world.")] = "z",
 ) -> None:
     """Make a take folder: find out which video belongs to which camera, and write take.toml.
 
-    Videos stay where they are. Without a calibration, cameras are named like the videos.
+    Videos stay where they are; those of the empty stage are copied into the take. Without a calibration,
+    cameras are named like the videos.
     """
     settings = folder / layout.SETTINGS
     if settings.exists():
         raise UserError(f"{settings}: exists already: edit it, or choose another folder")
-    files = _videos(videos)
+    files = _files(videos, VIDEO_SUFFIXES)
     cameras, remarks = _cameras(folder, calibration, up)
     if cameras:
         found = match_by_name([camera.name for camera in cameras], files)
@@ -49,11 +56,13 @@ def new(
             raise UserError(f"{folder}: two videos have one name: expected a different name for each camera")
     missing = [camera.name for camera in cameras if camera.name not in found]
     if missing:
-        left = [str(path) for path in unused(files, found)]
+        known, names = ", ".join(camera.name for camera in cameras), ", ".join(path.name for path in files)
         raise UserError(
-            f"{folder}: no video could be told to be that of {', '.join(missing)}"
-            f"{' among ' + ', '.join(left) if left else ''}: name the videos like the cameras"
+            f"{folder}: no video could be told to be that of {', '.join(missing)}: {calibration or folder} "
+            f"has the cameras {known}, the videos are {names}: name them like the cameras, if it is their "
+            "calibration"
         )
+    plates = _plates(folder, background or [], list(found))
     indices = {name: index_video(path) for name, path in found.items()}
     for camera in cameras:
         check_video_size(indices[camera.name], camera)
@@ -62,19 +71,37 @@ def new(
         write_calibration(folder / layout.CALIBRATION, cameras, up)
     relative = {name: os.path.relpath(path, folder) for name, path in found.items()}
     _write_settings(settings, folder.absolute().name, up, relative)
+    for name, path in plates.items():
+        inside = layout.background_video_path(folder, name).with_suffix(path.suffix.lower())
+        inside.parent.mkdir(exist_ok=True)
+        shutil.copyfile(path, inside)
     warn([*remarks, *unused_remarks(files, found)])
-    _tell(settings, indices, has_cameras=bool(cameras))
+    _tell(settings, indices, plates, has_cameras=bool(cameras))
 
 
-def _videos(given: list[Path]) -> list[Path]:
-    """The videos themselves, and those in folders; raises TakeError if there are none."""
+def _files(given: list[Path], suffixes: tuple[str, ...]) -> list[Path]:
+    """The files themselves, and those in folders; raises TakeError if there are none."""
     for path in given:
         if not path.exists():
             raise TakeError(f"{path}: is missing: expected a video, or a folder of videos")
-    files = [file for path in given for file in (files_of(path) if path.is_dir() else [path])]
+    files = [file for path in given for file in (files_of(path, suffixes) if path.is_dir() else [path])]
     if not files:
-        raise TakeError(f"{given[0]}: has no video: expected files such as {', '.join(VIDEO_SUFFIXES[:4])}")
+        raise TakeError(f"{given[0]}: has no video: expected files such as {', '.join(suffixes[:4])}")
     return files
+
+
+def _plates(folder: Path, given: list[Path], cameras: list[str]) -> dict[str, Path]:
+    """The empty stage by camera; raises UserError if a camera has none."""
+    if not given:
+        return {}
+    files = _files(given, (*VIDEO_SUFFIXES, ".png"))
+    plates = match_by_name(cameras, files)
+    if lacking := [name for name in cameras if name not in plates]:
+        raise UserError(
+            f"{folder}: --background: nothing could be told to be the empty stage of {', '.join(lacking)} "
+            f"among {', '.join(path.name for path in files)}: name the files like the cameras"
+        )
+    return plates
 
 
 def _cameras(folder: Path, file: Path | None, up: Up) -> tuple[tuple[Camera, ...], list[str]]:
@@ -101,12 +128,22 @@ def _write_settings(path: Path, name: str, up: Up, videos: dict[str, str]) -> No
     write_file(path, f"{fields}\n# Other fields belong here, above [videos]:\n{comments}\n{table}")
 
 
-def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) -> None:
+def _tell(
+    settings: Path, indices: dict[str, VideoIndex], plates: dict[str, Path], *, has_cameras: bool
+) -> None:
     """What was found, and what to do next."""
-    table = table_of("camera", "pixels", "frames", "seconds", "video")
+    table = table_of("camera", "pixels", "frames", "seconds", "video", "empty stage")
     for name, index in indices.items():
-        size, seconds = f"{index.width_px}x{index.height_px}", index.times_s[-1] - index.times_s[0]
-        table.add_row(escape(name), size, str(index.n_frames), f"{seconds:.2f}", escape(str(index.path)))
+        size, seconds = f"{index.width_px}x{index.height_px}", np.ptp(index.times_s)
+        seconds *= index.n_frames / max(index.n_frames - 1, 1)  # the last frame lasts too
+        table.add_row(
+            escape(name),
+            size,
+            str(index.n_frames),
+            f"{seconds:.2f}",
+            escape(str(index.path)),
+            escape(str(plates.get(name, "-"))),
+        )
     stdout.print(table)
     folder = settings.parent
     say(str(settings))
@@ -114,6 +151,9 @@ def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) 
         say(f"next: xormocap calibrate CLIPS --out {folder / layout.CALIBRATION}, or --import a calibration")
     background = layout.background_video_path(folder, "<camera>")
     if not background.parent.is_dir():
-        say(f"next: record the empty stage as {background}; without it, it is estimated")
+        say(
+            f"next: record the empty stage as {background}, or give it to xormocap new with --background; "
+            "without it, it is estimated"
+        )
     say(f"next: xormocap sync {folder}, if the cameras have no common trigger")
     say(f"next: xormocap track {folder}")

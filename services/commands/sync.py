@@ -93,8 +93,8 @@ def _in_step(take: Take, found: TimeOffsets, is_sure: Mask) -> bool:
     if not is_sure.all():
         undetermined = (
             f"{take.folder}: silhouettes do not determine the offsets of {', '.join(names[~is_sure])}: "
-            "expected somebody who moves, whole in the pictures, cameras that agree (xormocap calibrate "
-            "--check), and offsets within --reach: nothing is written"
+            "expected somebody who moves, whole in the pictures and hidden by nothing, cameras that agree "
+            "(xormocap calibrate --check), and offsets within --reach: nothing is written"
         )
         if not is_in_step:
             raise UserError(undetermined)

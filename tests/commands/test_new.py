@@ -44,6 +44,22 @@ def test_videos_and_a_calibration_become_a_take(shoot: Path, tmp_path: Path) -> 
         assert take.videos[camera.name].samefile(shoot / f"walk7-Camera{number}.mp4")
 
 
+def test_the_empty_stage_is_copied_into_the_take_under_the_cameras_names(shoot: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "room"
+    empty.mkdir()
+    for number in (1, 2):
+        shutil.copy(shoot / f"walk7-Camera{number}.mp4", empty / f"empty-{number}.mp4")
+    given = shoot, "--calibration", shoot / "calibration.toml", "--background", empty
+    printed = run(tmp_path / "take", *given)
+    take = open_take(tmp_path / "take")
+    for number, camera in enumerate(take.cameras, start=1):
+        plate = take.plate(camera)
+        assert plate == tmp_path / f"take/background/{camera.name}.mp4"
+        assert plate.read_bytes() == (empty / f"empty-{number}.mp4").read_bytes()
+        assert f"empty-{number}.mp4" in printed
+    assert "record the empty stage" not in printed
+
+
 def test_cameras_are_in_the_calibrations_order(shoot: Path, tmp_path: Path) -> None:
     calibration = shoot / "calibration.toml"
     by_number = calibration.read_text()
@@ -114,7 +130,14 @@ def test_what_it_refuses_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
     for words, said in (
         ((out, tmp_path / "nowhere"), "nowhere: is missing"),
         ((out, tmp_path), "has no video"),
-        ((out, shoot, "--calibration", shoot / "calibration.toml"), "that of cam02 among"),
+        (
+            (out, shoot, "--calibration", shoot / "calibration.toml"),
+            r"that of cam02: .*the videos are other\.mp4, walk",
+        ),
+        (
+            (out, shoot, "--background", shoot / "other.mp4"),
+            r"empty stage of walk7-Camera1 among other\.mp4: name",
+        ),
     ):
         with pytest.raises(UserError, match=said):
             run(*words)

@@ -50,7 +50,10 @@ def check_take(folder: Path) -> None:
         for c in found.odd:
             what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
             odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
-    advice = "check its calibration, its synchronisation (xormocap sync) and its silhouettes"
+    advice = (
+        "check calibration, synchronisation (xormocap sync) and silhouettes; furniture that hides part of "
+        "the actor from a camera does it too: then all that it shows is covered by the others' hull"
+    )
     raise TakeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 
 

@@ -49,7 +49,8 @@ def check_clips(folder: Path, level: str | None, *, needs_origin: bool) -> list[
         return [
             f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
             f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
-            "or a picture <camera>.png of the board lying on the floor, or name a level camera (--level)"
+            "or a picture <camera>.png of the board lying on the floor"
+            f"{'' if level else ', or name a level camera (--level)'}"
         ]
     if not any(clip.camera in names for clip in there):
         raise CalibrationError(

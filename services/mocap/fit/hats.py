@@ -5,23 +5,26 @@ alone. The body's own head is fitted the same way first, and a hat must be bette
 """
 
 from services.mocap.body import shape_space
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import Actor
 from services.mocap.body.garments import Hat
 from services.mocap.body.shape_space import INDEX
 from services.mocap.body.skeleton import dofs_of
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.picture import Picture
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.least_squares import CONTOUR_POINTS, Fitting
 from services.mocap.fit.normal_equations import FitStage, State
 from services.mocap.fit.priors import MEAN, WEIGHT_APART_PX3, Prior
-from services.mocap.fit.quality import quality_of
+from services.mocap.search.error_by_part import error_by_part
+from services.mocap.search.model import model_on_cpu
 from services.mocap.types import Floats
 
 _WITH_BRIM = Hat(brim=1.75, peak=1.75, rim=0.03, crown=0.02)
 _WITH_PEAK = Hat(brim=1.1, peak=1.7, rim=0.03, crown=0.012)
-_LEAST_GAIN = 0.05
-"""Share of the energy, of the whole body, that a hat must explain."""
+_LEAST_GAIN = 0.1
+"""Share of the head's differing pixels that a hat must explain: five takes of people in hats had 18 to 53 %
+less in the right one, three without a hat 18 to 124 % more in any."""
 _HEAD = ("head_width", "head_depth")
 _FITTED = ("neck", "head", "neck_girth", *_HEAD)
 _STAGE = FitStage(
@@ -42,19 +45,23 @@ def in_best_hat(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor
         x[INDEX[name]] = MEAN[INDEX[name]]
     usual = shape_space.actor_of(x, actor)
 
-    def energy_px(start: Actor) -> float:
+    def head_px(start: Actor) -> int:
         fitting = Fitting(rig, contours, prior, start)
         state = fitting.run(State(shape_space.vector_of(start), poses), _STAGE, lambda: None)
-        body = build_body(shape_space.actor_of(state.x, start))
-        return float(quality_of(body, state.poses, rig, seen).energy_px.sum())
+        with model_on_cpu(shape_space.actor_of(state.x, start), rig) as model:
+            errors = [
+                error_by_part(model, Picture.of_frame(rig, seen[f]), pose)
+                for f, pose in enumerate(state.poses)
+            ]
+        return sum(error.part_px["head"] for error in errors)
 
-    most_px = (1.0 - _LEAST_GAIN) * energy_px(actor.in_hat(None))
-    hats = {hat: energy_px(usual.in_hat(hat)) for hat in (_WITH_BRIM, _WITH_PEAK)}
+    most_px = (1.0 - _LEAST_GAIN) * head_px(actor.in_hat(None))
+    hats = {hat: head_px(usual.in_hat(hat)) for hat in (_WITH_BRIM, _WITH_PEAK)}
     if min(hats.values()) > most_px:
         return actor.in_hat(None)
     for others in (_of_other_height, _on_another_level, _of_other_reach):
         best = min(hats, key=hats.__getitem__)
-        hats |= {hat: energy_px(usual.in_hat(hat)) for hat in others(best)}
+        hats |= {hat: head_px(usual.in_hat(hat)) for hat in others(best)}
     return usual.in_hat(min(hats, key=hats.__getitem__))
 
 

@@ -155,6 +155,8 @@ class TakeSettings(TakeFile):
 
 def read_take_file(path: Path) -> TakeFile:
     """Raises TakeError, which names the file and the field."""
+    if path.parent.is_dir() and not path.exists():
+        raise TakeError(f"{path}: is missing: expected a take folder: xormocap new makes one from videos")
     data = load_toml(path, TakeError)
     for table, types in _TABLES.items():
         rows = data[table] if isinstance(data.get(table), dict) else {}

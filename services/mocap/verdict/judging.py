@@ -20,6 +20,7 @@ from services.mocap.verdict.verdict import (
     Doubt,
     Level,
     Verdict,
+    part_in_words,
     spans_in_words,
     spans_of,
 )
@@ -52,6 +53,8 @@ _UNEXPLAINED = Cause(
     "(--frames A:B); if the outlines are wrong, look at the silhouettes (xormocap segment)",
     level="not usable",
 )
+_OFTEN = 0.25
+"""Share of the frames from which on a limb that is doubtful needs a cause."""
 _HEIGHT_OFF_M = 0.05
 _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 """One adult in a million is taller; smaller people are children, who are measured less well."""
@@ -60,16 +63,21 @@ _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 def verdict_of(result: Result) -> Verdict:
     """The verdict on a result, by its files alone. Raises TakeError if one cannot be read."""
     iou = {camera: values for camera, values in result.quantities.get("iou", {}).items() if len(values)}
-    causes = _causes_of(result, iou)
+    before = _found_before(result)
+    found = _found(result, iou, before)
     lost_limbs = lost_limbs_of(result.distrusted, result.confidence)
-    levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in causes)]
-    if max(levels, key=LEVELS.index) == LEVELS[-1] and all(cause.kind == "remark" for cause in causes):
-        causes = (_UNEXPLAINED, *causes)
+    levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in (*before, *found))]
+    level = max(levels, key=LEVELS.index)
+    if level == LEVELS[-1]:  # what was found before the run, such as a missing plate, is no mere remark then
+        before = tuple(cause.model_copy(update={"level": level}) for cause in before)
+    if all(cause.kind == "remark" for cause in (*before, *found)):
+        guessed = _hidden_limbs(result.distrusted) or ((_UNEXPLAINED,) if level == LEVELS[-1] else ())
+        found = (*guessed, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
     named[:, whole] = result.distrusted[:, whole]
     return Verdict(
-        level=max(levels, key=LEVELS.index),
+        level=level,
         frames=len(result.frames),
         doubtful_frames=int(result.distrusted.any(axis=1).sum()),
         lost_frames=int(result.distrusted[:, whole].sum()),
@@ -80,7 +88,7 @@ def verdict_of(result: Result) -> Verdict:
             if chosen.any()
         ),
         iou={camera: round(float(np.nanmedian(values)), 3) for camera, values in iou.items()},
-        causes=causes,
+        causes=tuple(sorted((*before, *found), key=lambda cause: cause.kind == "remark")),
     )
 
 
@@ -105,21 +113,42 @@ def level_of(distrusted: Mask, lost_limbs: float, iou: Mapping[str, Floats]) -> 
     return "usable with gaps" if distrusted.any() else "good"
 
 
-def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
-    """The causes, those found before the run first, then the remarks. iou: (N,) by camera."""
+def _found_before(result: Result) -> tuple[Cause, ...]:
+    """The causes that were found before the run."""
     try:
-        before = [Cause.model_validate(entry) for entry in result.run.get(CHECKS, [])]
+        return tuple(Cause.model_validate(entry) for entry in result.run.get(CHECKS, []))
     except (ValidationError, TypeError):
         where = f"{result.folder / RUN_JSON}: {CHECKS}"
         raise TakeError(f"{where}: expected what xormocap track wrote: remove this entry") from None
+
+
+def _found(result: Result, iou: Mapping[str, Floats], before: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """The causes that the result shows. iou: (N,) by camera."""
     explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
-    found = (
+    return (
         *_body(result),
         *_silhouettes(result, len(iou)),
         *_cameras(result, iou, explained),
         *_moments(result, iou, explained),
     )
-    return tuple(sorted((*before, *found), key=lambda cause: cause.kind == "remark"))
+
+
+def _hidden_limbs(distrusted: Mask) -> tuple[Cause, ...]:
+    """What most likely makes arms or legs doubtful in many of the frames (N, 6), if nothing else is wrong."""
+    tracked = distrusted[~distrusted[:, PARTS.index(WHOLE_BODY)]]
+    n_doubtful = {part: np.count_nonzero(tracked[:, PARTS.index(part)]) for part in LIMBS}
+    often = [part_in_words(part) for part, n in n_doubtful.items() if n > _OFTEN * len(tracked)]
+    if not often:
+        return ()
+    return (
+        Cause(
+            what=f"{', '.join(often)}: doubtful in more than a quarter of the frames, and nothing else "
+            "stands out; silhouettes do not show limbs that lie before the body or against each other",
+            remedy="look at overlay.mp4; a camera from another side or from above shows more of them, and "
+            "sleeves or trousers in a colour of their own help",
+            level="usable with gaps",
+        ),
+    )
 
 
 def _body(result: Result) -> Iterator[Cause]:

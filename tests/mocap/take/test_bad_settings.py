@@ -19,7 +19,12 @@ def change_settings(folder: Path, old: str, new: str) -> None:
 def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusal, name: str) -> None:
     folder = small_take()
     (folder / name).unlink()
-    assert refusal(folder) == f"{name}: is missing: expected a TOML file of that name"
+    expected = (
+        "a take folder: xormocap new makes one from videos"
+        if name == "take.toml"
+        else "a TOML file of that name"
+    )
+    assert refusal(folder) == f"{name}: is missing: expected {expected}"
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,30 @@ def test_results_that_are_not_usable_have_a_cause(folder: Path) -> None:
     assert "look at overlay.mp4" in cause.remedy
 
 
+def test_limbs_that_are_often_doubtful_have_a_cause_if_nothing_else_has(folder: Path) -> None:
+    tracked = read_poses_csv(folder / "poses.csv")
+    assert tracked.marks is not None
+    distrusted = np.zeros((16, len(PARTS)), bool)
+    distrusted[:5, PARTS.index("left_arm")] = distrusted[:4, PARTS.index("right_leg")] = True
+    write_poses_csv(
+        folder / "poses.csv", replace(tracked, marks=replace(tracked.marks, distrusted=distrusted))
+    )
+    (cause,) = judged(folder).causes
+    assert cause.what.startswith("left arm: doubtful in more than a quarter of the frames")
+    assert cause.kind == "cause"
+    (other,) = judged(folder, {"cam02": np.full(16, 0.68)}).causes
+    assert other.what.startswith("cam02 agrees less")
+
+
+def test_a_remark_from_before_the_run_is_a_cause_if_the_result_is_not_usable(folder: Path) -> None:
+    before = Cause(what="background/: there is no picture", remedy="record it", level="good")
+    (remark,) = judged(folder, checks=[before.model_dump()]).causes
+    assert remark.kind == "remark"
+    verdict = judged(folder, dict.fromkeys(CAMERAS, np.full(16, 0.59)), checks=[before.model_dump()])
+    assert [cause.kind for cause in verdict.causes] == ["cause", "cause"]
+    assert verdict.causes[0].what == before.what
+
+
 def test_limbs_that_may_be_lost_are_in_the_headline(folder: Path) -> None:
     verdict = judged(folder).model_copy(update={"lost_limbs": 0.046})
     assert verdict.headline.endswith("1 of 16 frames has doubtful parts; 5 % of arms and legs may be lost")
