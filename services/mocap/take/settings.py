@@ -59,8 +59,8 @@ class TakeFile(StrictModel):
     init_frames: int | None = Field(
         default=None,
         ge=1,
-        description="a number of frames where the work begins, 1 or more, in which the actor stands still; "
-        "for fitting the actor's shape, tracking does not need it",
+        description="a number of frames from where the work begins, 1 or more, to which the body is fitted; "
+        "best if the actor then stands with arms and legs apart",
         examples=[10],
     )
     facing: float | None = Field(
