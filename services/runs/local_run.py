@@ -198,3 +198,4 @@ def keep_logs(logs: Path, folder: Path) -> None:
     """Move the logs of a run to its results."""
     shutil.rmtree(folder / LOGS, ignore_errors=True)
     shutil.move(logs, folder / LOGS)
+    (folder / LOGS).chmod(folder.stat().st_mode)  # a temporary folder is closed to others

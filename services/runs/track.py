@@ -109,4 +109,5 @@ def _completed(folder: Path, job: TakeJob) -> dict[str, Any]:
     if is_its_fit and job.fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
         shutil.copytree(job.fitted, folder / FIT_FOLDER)
+        (folder / FIT_FOLDER).chmod(folder.stat().st_mode)  # a temporary folder is closed to others
     return report

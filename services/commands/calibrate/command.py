@@ -214,6 +214,7 @@ def _lens_of(text: str) -> tuple[Lens, Path | None]:
             return model, None
     if not Path(text).exists():
         raise UserError(
-            f"--lens {text}: is missing: expected {', '.join(N_COEFFICIENTS)} or a file with lenses"
+            f"--lens {text}: is no lens model and no file: expected {', '.join(N_COEFFICIENTS)} or a file "
+            "with lenses"
         )
     return "normal", Path(text)

@@ -14,6 +14,7 @@ _SHEET_WIDTH_PX, _WIDEST_TILE_PX = 1920, 640
 _HEADER_PX, _LEGEND_PX, _GAP_PX = 30, 34, 6
 _GROUND_BGR, _LINE_BGR, _TEXT_BGR = (30, 30, 30), (52, 52, 52), (235, 235, 235)
 _FULL_RED_PX = 1.5
+_DARKENED = 0.55
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -25,7 +26,10 @@ def covered_share(solution: Solution, camera: int) -> float:
 
 
 def draw_coverage(solution: Solution) -> Bytes:
-    """The sheet (H, W, 3): a tile per camera with every corner that was used, red where it is 1.5 px off."""
+    """The sheet (H, W, 3): a tile per camera with every corner that was used, red where it is 1.5 px off.
+
+    Below them is the picture in which most of the board was seen.
+    """
     cameras = solution.cameras
     columns = grid_for(cameras, _WIDEST_TILE_PX).columns
     grid = grid_for(cameras, min(_WIDEST_TILE_PX, _SHEET_WIDTH_PX // columns))
@@ -39,11 +43,14 @@ def draw_coverage(solution: Solution) -> Bytes:
 
 
 def _draw_tile(tile: Bytes, solution: Solution, c: int) -> None:
-    """One camera on a black tile (H, W, 3)."""
+    """One camera on a black tile (H, W, 3), over its picture if there is one, darkened."""
     camera, (height_px, width_px, _) = solution.cameras[c], tile.shape
     zoom = min((width_px - _GAP_PX) / camera.width_px, (height_px - _HEADER_PX - _GAP_PX) / camera.height_px)
     shown_px = round(camera.width_px * zoom), round(camera.height_px * zoom)
     picture: Bytes = np.full((shown_px[1], shown_px[0], 3), _GROUND_BGR, np.uint8)
+    if solution.pictures and (seen := solution.pictures[c]) is not None:
+        small = cv2.resize(seen, shown_px, interpolation=cv2.INTER_AREA)
+        picture[:] = _DARKENED * np.atleast_3d(small)
     for i in range(1, CELLS):
         x, y = i * shown_px[0] // CELLS, i * shown_px[1] // CELLS
         cv2.line(picture, (x, 0), (x, shown_px[1]), _LINE_BGR)

@@ -78,13 +78,15 @@ def upright_print(picture: Bytes, board: Board) -> Bytes:
 def look_through(camera: str, pictures: Iterable[tuple[int, Bytes]], detector: Detector) -> Sightings:
     """All sightings in a camera's numbered pictures."""
     by_frame: dict[int, Sighting] = {}
-    size_px, n_looked_at = (0, 0), 0
+    size_px, n_looked_at, best, most = (0, 0), 0, None, 0
     for frame, picture in pictures:
         size_px, n_looked_at = (picture.shape[1], picture.shape[0]), n_looked_at + 1
         found = detector.find(picture)
         if found is not None:
             by_frame[frame] = found
-    return Sightings(camera, size_px, by_frame, n_looked_at)
+            if len(found.corners) > most:
+                best, most = picture, len(found.corners)
+    return Sightings(camera, size_px, by_frame, n_looked_at, best)
 
 
 def marker_detector(dictionary: str) -> cv2.aruco.ArucoDetector:

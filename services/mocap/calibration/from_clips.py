@@ -100,7 +100,8 @@ def calibrate_clips(
     def show_solving(what: str, share: float) -> None:
         show(what, _LOOKING_SHARE + (1 - _LOOKING_SHARE) * share)
 
-    return solve_rig(seen, board, lens, show_solving, known, level), remarks
+    solution = solve_rig(seen, board, lens, show_solving, known, level)
+    return replace(solution, pictures=tuple(sightings.best_picture for sightings in seen)), remarks
 
 
 def _with_polarity(board: Board, clips: list[Clip]) -> Board:

@@ -13,7 +13,7 @@ from services.mocap.calibration.pairs import Link, Sights, chain, find_links, si
 from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import ENOUGH_CORNERS, Sightings, spread_out
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask
 
 ORIGIN_FRAME = 2**30
 """The number of the moment in which the board lies at the origin."""
@@ -45,6 +45,8 @@ class Solution:
     """Per camera: number of sightings left out because they do not fit the others."""
     links: tuple[Link, ...]
     lenses: tuple[Intrinsics, ...]
+    pictures: tuple[Bytes | None, ...] = ()
+    """Per camera: the one in which most of the board was seen."""
 
     def error_px(self, camera: int) -> float:
         """Mean reprojection error of a camera: the mean distance of its corners."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.board import Board
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Bytes, Floats, Ints
 
 ENOUGH_CORNERS = 6
 """Fewer corners do not determine the board's pose."""
@@ -43,6 +43,8 @@ class Sightings:
     """Pictures of one number show one moment in all cameras; negative numbers are this camera's alone."""
     n_looked_at: int
     """The number of pictures in which the board was searched."""
+    best_picture: Bytes | None = None
+    """The one in which most of the board was seen, (H, W) or (H, W, 3)."""
 
     @property
     def is_behind(self) -> bool:

@@ -157,6 +157,8 @@ def load_result(folder: Path | str) -> Result:
         raise UserError(f"{folder}: is not a folder: expected a results folder of xormocap track")
     if (folder / SETTINGS).exists() and not (folder / POSES).exists():
         raise UserError(f"{folder}: is a take without results: type xormocap track {folder} first")
+    if not (folder / POSES).exists():
+        raise UserError(f"{folder}: has no {POSES}: expected a results folder, as xormocap track writes it")
     tracked = read_poses_csv(folder / POSES)
     _check_frames(folder / POSES, tracked)
     shown = tracked

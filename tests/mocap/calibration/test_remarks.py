@@ -8,6 +8,7 @@ import pytest
 
 from board_stage import ring, shown_to_neighbours, sightings_of
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.coverage import draw_coverage
 from services.mocap.calibration.remarks import remarks_on, remarks_on_views
 from services.mocap.calibration.rig_solving import Solution, solve_rig
 
@@ -79,3 +80,13 @@ def test_where_the_floor_is_not_known_no_camera_is_under_it(solution: Solution) 
     ]
     assert [remark.split(" ")[1] for remark in remarks_on(sunk)] == ["stands"] * len(sunk)
     assert remarks_on(sunk, is_floor_known=False) == []
+
+
+def test_the_picture_of_a_calibration_shows_the_board_under_the_corners(solution: Solution) -> None:
+    dark, white = draw_coverage(solution), np.full((900, 1200), 255, np.uint8)
+    shown = draw_coverage(replace(solution, pictures=(white, None, np.dstack([white] * 3))))
+    half = draw_coverage(replace(solution, pictures=(white, None, None)))
+    changed = (shown != dark).any(axis=2)
+    assert np.mean(shown[changed] == 140) > 0.95, "white, darkened, but for the edges of dots"
+    assert np.count_nonzero(shown.max(axis=2) > 200) >= np.count_nonzero(dark.max(axis=2) > 200)
+    assert 0 < np.count_nonzero((half != dark).any(axis=2)) < np.count_nonzero(changed)
