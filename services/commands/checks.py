@@ -18,6 +18,7 @@ from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of, trimaps_of
+from services.segmentation.foreign_plates import foreign_plates
 from services.segmentation.segmenters import chosen_segmenter
 from services.segmentation.silhouettes import Segmenter
 
@@ -45,6 +46,19 @@ _NOT_IN_VIEW = (
 _NO_HINTS = "; facing and initial_pose in take.toml describe frame 0 and are not used"
 
 
+def check_files(silhouettes: TakeSilhouettes) -> None:
+    """Raise TakeError for what is wrong before anything is segmented: `up`, and plates of other cameras."""
+    take = silhouettes.take
+    if (turned := wrong_up(take.cameras, take.settings.up)) is not None:
+        raise _refused(take, turned)
+    if not silhouettes.are_ready and (foreign := foreign_plates(take)):
+        shown = ", ".join(
+            f"that of {name} shows what the video of {other} does" for name, other in foreign.items()
+        )
+        remedy = "exchange these videos, or the files of the plates"
+        raise _refused(take, Mistake(f"{BACKGROUND}/", f"clean plates: {shown}", remedy))
+
+
 def look_before(silhouettes: TakeSilhouettes, frames: range) -> tuple[Cause, ...]:
     """Check a take, as far as its first frames tell, and print what is wrong.
 
@@ -68,9 +82,6 @@ def _mistakes(
     silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]
 ) -> Iterator[Mistake]:
     take, segmenter = silhouettes.take, silhouettes.name
-    turned = wrong_up(take.cameras, take.settings.up)
-    if turned is not None:
-        raise _refused(take, turned)
     if not silhouettes.has_stage:
         if kind_of(chosen_segmenter(take, segmenter)).needs_plate:
             yield Mistake(

@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.markup import escape
 
-from services.commands.checks import CheckOption, blamed_first, in_view, look_before, not_told
+from services.commands.checks import CheckOption, blamed_first, check_files, in_view, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import TakeError, UserError
@@ -87,6 +87,7 @@ def fit(
     silhouettes = TakeSilhouettes(opened, segmenter)
     first, checks = init_frames(opened, frames), tuple[Cause, ...]()
     if check:
+        check_files(silhouettes)
         if refine is None:
             from_there = in_view(silhouettes, range(opened.settings.frames))
             first = init_frames(opened, frames, from_there.start)

@@ -283,6 +283,19 @@ def test_a_displaced_plate_is_a_remark(videos: Path, remarks: Callable[[Path], l
     assert "record the empty stage again" in remark
 
 
+def test_plates_of_other_cameras_are_refused_at_once(videos: Path, checked: Checked) -> None:
+    one, other = (background_video_path(videos, camera) for camera in ("cam01", "cam03"))
+    one.rename(videos / "moved.mp4")
+    other.rename(one)
+    (videos / "moved.mp4").rename(other)
+    for command in ("fit", "track"):
+        assert checked(command, videos).stderr.splitlines()[-1] == (
+            f"{videos}/background/: clean plates: that of cam01 shows what the video of cam03 does, that of "
+            "cam03 shows what the video of cam01 does: exchange these videos, or the files of the plates "
+            "(--no-check goes on nevertheless)"
+        )
+
+
 def test_somebody_in_a_plate_is_named_before_what_the_silhouettes_then_look_like(
     videos: Path, checked: Checked
 ) -> None:
