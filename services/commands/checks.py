@@ -51,7 +51,8 @@ def check_files(silhouettes: TakeSilhouettes) -> None:
     take = silhouettes.take
     if (turned := wrong_up(take.cameras, take.settings.up)) is not None:
         raise _refused(take, turned)
-    if not silhouettes.are_ready and (foreign := foreign_plates(take)):
+    has_plates = kind_of(chosen_segmenter(take, silhouettes.name)).needs_plate
+    if has_plates and (foreign := foreign_plates(take)):
         shown = ", ".join(
             f"that of {name} shows what the video of {other} does" for name, other in foreign.items()
         )

@@ -19,8 +19,10 @@ from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name, unused_remarks
 from services.mocap.take.settings import TakeFile
-from services.mocap.take.video_checks import check_video_size
+from services.mocap.take.video_checks import check_plate, check_video_size
 from services.mocap.take.video_index import VideoIndex, index_video
+
+_OF_PLATES = (*VIDEO_SUFFIXES, ".png")
 
 
 def new(
@@ -34,7 +36,7 @@ def new(
     ] = None,
     background: Annotated[
         list[Path] | None,
-        typer.Option(help="Videos or pictures of the empty stage, or a folder of them.", metavar="FILE"),
+        typer.Option(help="Videos or PNG pictures of the empty stage, or a folder of them.", metavar="FILE"),
     ] = None,
     up: Annotated[Up, typer.Option(help="The axis that points up in the calibrated world.")] = "z",
 ) -> None:
@@ -62,41 +64,45 @@ def new(
             f"has the cameras {known}, the videos are {names}: name them like the cameras, if it is their "
             "calibration"
         )
-    plates = _plates(folder, background or [], list(found))
+    empty = _files(background, _OF_PLATES) if background else []
+    plates = _plates(folder, empty, list(found))
     indices = {name: index_video(path) for name, path in found.items()}
     for camera in cameras:
         check_video_size(indices[camera.name], camera)
+        if camera.name in plates:
+            check_plate(plates[camera.name], camera, decoded=False)
     folder.mkdir(parents=True, exist_ok=True)
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
+    for name, path in plates.items():
+        inside = layout.background_video_path(folder, name).with_suffix(path.suffix)
+        inside.parent.mkdir(exist_ok=True)
+        if not (inside.exists() and inside.samefile(path)):
+            shutil.copyfile(path, inside)
     relative = {name: os.path.relpath(path, folder) for name, path in found.items()}
     _write_settings(settings, folder.absolute().name, up, relative)
-    for name, path in plates.items():
-        inside = layout.background_video_path(folder, name).with_suffix(path.suffix.lower())
-        inside.parent.mkdir(exist_ok=True)
-        shutil.copyfile(path, inside)
-    warn([*remarks, *unused_remarks(files, found)])
+    warn([*remarks, *unused_remarks(files, found), *unused_remarks(empty, plates)])
     _tell(settings, indices, plates, has_cameras=bool(cameras))
 
 
 def _files(given: list[Path], suffixes: tuple[str, ...]) -> list[Path]:
-    """The files themselves, and those in folders; raises TakeError if there are none."""
+    """The files themselves, and those in folders; raises TakeError if there are none, or of another kind."""
+    kinds = f"{', '.join(suffixes[:4])}{' or .png' if '.png' in suffixes else ''}"
     for path in given:
         if not path.exists():
-            raise TakeError(f"{path}: is missing: expected a video, or a folder of videos")
+            raise TakeError(f"{path}: is missing: expected a file such as {kinds}, or a folder of them")
+        if path.is_file() and path.suffix.lower() not in suffixes:
+            raise TakeError(f"{path}: is no file such as {kinds}")
     files = [file for path in given for file in (files_of(path, suffixes) if path.is_dir() else [path])]
     if not files:
-        raise TakeError(f"{given[0]}: has no video: expected files such as {', '.join(suffixes[:4])}")
+        raise TakeError(f"{given[0]}: has no file such as {kinds}")
     return files
 
 
-def _plates(folder: Path, given: list[Path], cameras: list[str]) -> dict[str, Path]:
-    """The empty stage by camera; raises UserError if a camera has none."""
-    if not given:
-        return {}
-    files = _files(given, (*VIDEO_SUFFIXES, ".png"))
+def _plates(folder: Path, files: list[Path], cameras: list[str]) -> dict[str, Path]:
+    """The empty stage by camera, if there are files; raises UserError if a camera has none."""
     plates = match_by_name(cameras, files)
-    if lacking := [name for name in cameras if name not in plates]:
+    if files and (lacking := [name for name in cameras if name not in plates]):
         raise UserError(
             f"{folder}: --background: nothing could be told to be the empty stage of {', '.join(lacking)} "
             f"among {', '.join(path.name for path in files)}: name the files like the cameras"
@@ -151,9 +157,6 @@ def _tell(
         say(f"next: xormocap calibrate CLIPS --out {folder / layout.CALIBRATION}, or --import a calibration")
     background = layout.background_video_path(folder, "<camera>")
     if not background.parent.is_dir():
-        say(
-            f"next: record the empty stage as {background}, or give it to xormocap new with --background; "
-            "without it, it is estimated"
-        )
+        say(f"next: record the empty stage as {background}; without it, it is estimated")
     say(f"next: xormocap sync {folder}, if the cameras have no common trigger")
     say(f"next: xormocap track {folder}")

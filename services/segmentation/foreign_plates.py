@@ -35,5 +35,6 @@ def foreign_plates(take: Take) -> dict[str, str]:
 
 
 def _small(pictures: Iterable[Bytes]) -> Floats:
-    """The first of some pictures (H, W, 3), small."""
-    return cv2.resize(next(iter(pictures)), _SIZE_PX, interpolation=cv2.INTER_AREA).astype(np.float64)
+    """The first of some pictures (H, W, 3), small, without its level: that of the light may have changed."""
+    small = cv2.resize(next(iter(pictures)), _SIZE_PX, interpolation=cv2.INTER_AREA).astype(np.float64)
+    return np.asarray(small - np.median(small, axis=(0, 1)))

@@ -5,6 +5,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -58,6 +60,19 @@ def test_the_empty_stage_is_copied_into_the_take_under_the_cameras_names(shoot: 
         assert plate.read_bytes() == (empty / f"empty-{number}.mp4").read_bytes()
         assert f"empty-{number}.mp4" in printed
     assert "record the empty stage" not in printed
+    (tmp_path / "take/take.toml").unlink()
+    run(tmp_path / "take", shoot, "--background", tmp_path / "take/background")
+    assert len(list((tmp_path / "take/background").iterdir())) == 2
+
+
+def test_an_empty_stage_of_another_size_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "room"
+    empty.mkdir()
+    for number in (1, 2):
+        cv2.imwrite(str(empty / f"cam0{number}.png"), np.zeros((96, 128, 3), np.uint8))
+    with pytest.raises(UserError, match="128x96"):
+        run(tmp_path / "take", shoot, "--calibration", shoot / "calibration.toml", "--background", empty)
+    assert not (tmp_path / "take").exists()
 
 
 def test_cameras_are_in_the_calibrations_order(shoot: Path, tmp_path: Path) -> None:
@@ -129,11 +144,12 @@ def test_what_it_refuses_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
     (shoot / "walk7-Camera2.mp4").rename(shoot / "other.mp4")
     for words, said in (
         ((out, tmp_path / "nowhere"), "nowhere: is missing"),
-        ((out, tmp_path), "has no video"),
+        ((out, tmp_path), "has no file such as"),
         (
             (out, shoot, "--calibration", shoot / "calibration.toml"),
             r"that of cam02: .*the videos are other\.mp4, walk",
         ),
+        ((out, shoot, "--background", shoot / "calibration.toml"), "is no file such as .* or .png"),
         (
             (out, shoot, "--background", shoot / "other.mp4"),
             r"empty stage of walk7-Camera1 among other\.mp4: name",

@@ -8,6 +8,7 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.sightings import Sightings, share_of_cells, spread_out
+from services.mocap.camera.undistort import SOLVED_UNTIL
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
@@ -87,8 +88,11 @@ class Intrinsics:
 
     def normalised(self, points_px: Floats) -> Floats:
         """(n, 2) raw pixels to undistorted picture coordinates at focal length 1."""
-        undistort = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
-        return np.asarray(undistort(points_px[:, None], self.K, self.distortion), np.float64).reshape(-1, 2)
+        if self.is_fisheye:
+            points = cv2.fisheye.undistortPoints(points_px[:, None], self.K, self.distortion)
+        else:
+            points = cv2.undistortPoints(points_px[:, None], self.K, self.distortion, criteria=SOLVED_UNTIL)
+        return np.asarray(points, np.float64).reshape(-1, 2)
 
 
 def project(points_camera_m: Floats, values: Floats, fisheye: bool) -> Floats:

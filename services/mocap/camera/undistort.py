@@ -8,7 +8,7 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Floats, Ints, Mask, Trimap
 
-_UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+SOLVED_UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 """OpenCV's default of five rounds leaves tens of pixels at the corners of a wide lens."""
 _NO_FRACTIONS = np.zeros((0, 0), np.uint16)
 """The second map of cv2.remap where the first one has whole pixels."""
@@ -122,7 +122,9 @@ def undistorted_px(camera: Camera, raw_px: Floats, K: Floats | None = None) -> F
     if camera.fisheye:
         pixels = cv2.fisheye.undistortPoints(raw_px[:, None], camera.K, camera.distortion, P=onto)
     else:
-        pixels = cv2.undistortPoints(raw_px[:, None], camera.K, camera.distortion, P=onto, criteria=_UNTIL)
+        pixels = cv2.undistortPoints(
+            raw_px[:, None], camera.K, camera.distortion, P=onto, criteria=SOLVED_UNTIL
+        )
     return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 

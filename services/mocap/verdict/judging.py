@@ -69,10 +69,10 @@ def verdict_of(result: Result) -> Verdict:
     levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in (*before, *found))]
     level = max(levels, key=LEVELS.index)
     if level == LEVELS[-1]:  # what was found before the run, such as a missing plate, is no mere remark then
-        before = tuple(cause.model_copy(update={"level": level}) for cause in before)
+        before = tuple(c.model_copy(update={"level": level}) if c.remedy else c for c in before)
     if all(cause.kind == "remark" for cause in (*before, *found)):
-        guessed = _hidden_limbs(result.distrusted) or ((_UNEXPLAINED,) if level == LEVELS[-1] else ())
-        found = (*guessed, *found)
+        unexplained = (_UNEXPLAINED,) if level == LEVELS[-1] else ()
+        found = (*_hidden_limbs(result.distrusted), *unexplained, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
     named[:, whole] = result.distrusted[:, whole]
@@ -137,7 +137,7 @@ def _hidden_limbs(distrusted: Mask) -> tuple[Cause, ...]:
     """What most likely makes arms or legs doubtful in many of the frames (N, 6), if nothing else is wrong."""
     tracked = distrusted[~distrusted[:, PARTS.index(WHOLE_BODY)]]
     n_doubtful = {part: np.count_nonzero(tracked[:, PARTS.index(part)]) for part in LIMBS}
-    often = [part_in_words(part) for part, n in n_doubtful.items() if n > _OFTEN * len(tracked)]
+    often = [part_in_words(part) for part, n in n_doubtful.items() if n > _OFTEN * len(distrusted)]
     if not often:
         return ()
     return (

@@ -127,6 +127,21 @@ def test_limbs_that_are_often_doubtful_have_a_cause_if_nothing_else_has(folder: 
     assert other.what.startswith("cam02 agrees less")
 
 
+def test_few_frames_that_are_not_lost_do_not_hide_what_to_look_at(folder: Path) -> None:
+    tracked = read_poses_csv(folder / "poses.csv")
+    assert tracked.marks is not None
+    distrusted = np.ones((16, len(PARTS)), bool)
+    distrusted[:4] = False
+    distrusted[:2, PARTS.index("left_arm")] = True
+    write_poses_csv(
+        folder / "poses.csv", replace(tracked, marks=replace(tracked.marks, distrusted=distrusted))
+    )
+    advice = Cause(what="cam02: its light changed a little", remedy="", level="good")
+    first, *rest = judged(folder, checks=[advice.model_dump()]).causes
+    assert "begin with another one" in first.remedy
+    assert rest == [advice]
+
+
 def test_a_remark_from_before_the_run_is_a_cause_if_the_result_is_not_usable(folder: Path) -> None:
     before = Cause(what="background/: there is no picture", remedy="record it", level="good")
     (remark,) = judged(folder, checks=[before.model_dump()]).causes

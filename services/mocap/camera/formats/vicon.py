@@ -19,6 +19,7 @@ from services.mocap.types import Floats
 
 _SUFFIXES = (".xcp",)
 _RADII = 200
+_LARGEST_CORRECTION = 4.0
 _POWERS = np.array([2.0, 4.0, 6.0])
 _EXACT_PX, _MOST_OFF_PX = 0.1, 1.0
 """How far off three coefficients may be before six are fitted, and how far these."""
@@ -85,24 +86,40 @@ def _distortion(where: str, frame: Element, focal_px: float, reach_px: float) ->
     per_px = array_of([*radial, 0, 0, 0][:3], (3,), f"{where}: VICON_RADIAL")
     radii_px = np.linspace(0, reach_px, _RADII)[1:]
     times = 1 + radii_px[:, None] ** _POWERS @ per_px
-    if times.min() > 0 and np.all(np.diff(radii_px * times) > 0):
-        for n_coefficients, most_px in ((3, _EXACT_PX), (6, _MOST_OFF_PX)):
-            k, off_px = _fitted(radii_px, times, focal_px, n_coefficients)
-            if off_px < most_px:
-                return np.concatenate([k[:2], (0.0, 0.0), k[2:]])  # k1, k2, p1, p2, k3, …
+    if not 0 < times.min() <= times.max() < _LARGEST_CORRECTION or np.any(np.diff(radii_px * times) <= 0):
+        raise CalibrationError(
+            f"{where}: VICON_RADIAL: moves a point of the picture to {times[np.abs(times - 1).argmax()]:.3g} "
+            "times its distance from the centre, as no lens does: expected Vicon's coefficients, in pixels"
+        )
+    for n_coefficients, most_px in ((3, _EXACT_PX), (6, _MOST_OFF_PX)):
+        k, off_px = _fitted(radii_px, times, focal_px, n_coefficients)
+        if off_px < most_px:
+            return np.concatenate([k[:2], (0.0, 0.0), k[2:]])  # k1, k2, p1, p2, k3, …
     raise CalibrationError(
-        f"{where}: VICON_RADIAL: moves a point of the picture to {times[np.abs(times - 1).argmax()]:.3g} "
-        "times its distance from the centre, as no lens does: expected Vicon's coefficients, in pixels"
+        f"{where}: VICON_RADIAL: OpenCV's lens model cannot express it: undistort the videos with Vicon's "
+        "tools, and leave VICON_RADIAL out"
     )
 
 
 def _fitted(radii_px: Floats, times: Floats, focal_px: float, n_coefficients: int) -> tuple[Floats, float]:
     """The first coefficients of (1 + k1 u^2 + k2 u^4 + k3 u^6) / (1 + k4 u^2 + k5 u^4 + k6 u^6), by which a
-    corrected radius u is in the picture what it is there, and by how many pixels they miss one at most."""
+    corrected radius u is in the picture what it is there, and by how many pixels they miss one at most.
+
+    That is infinite if they fold the corners of the undistorted picture back into it.
+    """
     corrected = radii_px * times / focal_px
-    powers = (corrected / corrected[-1])[:, None] ** _POWERS
-    columns = np.hstack([times[:, None] * powers, -powers])[:, :n_coefficients]
+    largest = max(corrected[-1], radii_px[-1] / focal_px)
+
+    def terms(u: Floats) -> Floats:
+        return np.asarray((u / largest)[:, None] ** _POWERS)
+
+    columns = np.hstack([times[:, None] * terms(corrected), -terms(corrected)])[:, :n_coefficients]
     scaled = np.linalg.lstsq(columns * radii_px[:, None], (1 - times) * radii_px)[0]
-    above, below = (powers @ part if len(part) else 0.0 for part in (scaled[:3], scaled[3:]))
-    off_px = np.abs(radii_px * (times * (1 + above) / (1 + below) - 1)).max()
-    return scaled / np.tile(corrected[-1] ** _POWERS, 2)[:n_coefficients], float(off_px)
+    above, below = np.pad(scaled, (0, 6 - n_coefficients)).reshape(2, 3)
+
+    def distorted_px(u: Floats) -> Floats:
+        return np.asarray(focal_px * u * (1 + terms(u) @ above) / (1 + terms(u) @ below))
+
+    grows = np.all(np.diff(distorted_px(np.linspace(0, largest, _RADII))) > 0)
+    off_px = float(np.abs(distorted_px(corrected) - radii_px).max()) if grows else np.inf
+    return scaled / np.tile(largest**_POWERS, 2)[:n_coefficients], off_px
