@@ -106,13 +106,19 @@ def _mistakes(
     for mistake in found:
         if mistake.is_certain:
             raise _refused(take, mistake, [*silhouettes.said, *warnings])
-    yield from (Mistake("", sentence, "") for sentence in warnings)
+    yield from map(_mistake_of, warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
         some = [looked_at[k] for k in evenly(len(looked_at), _FRAMES_FOR_FEET)]
         together = trimaps_of(take, some, silhouettes.segmenter, lambda _: None)
         yield from silhouette_faults(cameras, outlines, together, moved)
+
+
+def _mistake_of(warning: str) -> Mistake:
+    """A warning of the segmentation, which ends in its remedy."""
+    what, _, remedy = warning.rpartition(": ")
+    return Mistake("", what, remedy) if what else Mistake("", warning, "")
 
 
 def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:

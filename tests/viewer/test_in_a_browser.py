@@ -154,6 +154,10 @@ def test_results(doubtful: int, page: Page, screenshots: Path) -> None:
     _open(page, doubtful)
     assert page.title() == "walk · xormocap"
     assert page.locator("#doubts").inner_text().startswith("Doubtful: head in 1 (frame 15); left arm in 3")
+    assert page.locator("#headline").inner_text().startswith("usable with gaps: 4 of 24 frames have doubtful")
+    assert page.locator("#verdict").get_attribute("class") == "usable"
+    cause = "cam03 agrees less with the body than the others (IoU 0.60, others 0.93)"
+    assert page.locator("#first-cause").inner_text().startswith(cause)
     page.get_by_role("button", name="pause", exact=True).click()
     body: dict[int, Bytes] = {}
     for key, frame in (("Home", 0), ("ArrowRight", 1), ("End", 23), ("ArrowLeft", 22)):
