@@ -322,6 +322,18 @@ def test_a_second_person_in_videos_is_told_with_its_frame(
     assert "the cameras agree up to frame 11, and not from frame 12 on; a second person" in remark
 
 
+@pytest.mark.parametrize("times", [0.8, 0.67, 1.3])
+def test_light_that_changes_by_a_third_is_no_mistake(
+    videos: Path, remarks: Callable[[Path], list[str]], times: float
+) -> None:
+    for camera in open_take(videos).cameras:
+        pictures, _ = _pictures(videos, camera.name)
+        with video_writer(video_path(videos, camera.name), *camera.size_px, 15.0) as video:
+            for frame, picture in enumerate(pictures):
+                video.write(np.asarray(picture * times, np.uint8) if frame >= 12 else picture)
+    assert remarks(videos) == []
+
+
 def test_a_take_without_background_is_told_at_once(
     videos: Path, remarks: Callable[[Path], list[str]]
 ) -> None:

@@ -97,7 +97,7 @@ def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:
 
 
 def test_what_is_no_result_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="has no poses.csv: expected a results folder"):
+    with pytest.raises(UserError, match=r"has no poses\.csv: expected a results folder"):
         finished_show(tmp_path, None)
 
 
