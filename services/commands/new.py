@@ -92,10 +92,10 @@ def _files(given: list[Path], suffixes: tuple[str, ...]) -> list[Path]:
         if not path.exists():
             raise TakeError(f"{path}: is missing: expected a file such as {kinds}, or a folder of them")
         if path.is_file() and path.suffix.lower() not in suffixes:
-            raise TakeError(f"{path}: is no file such as {kinds}")
+            raise TakeError(f"{path}: is of another kind: expected a file such as {kinds}")
     files = [file for path in given for file in (files_of(path, suffixes) if path.is_dir() else [path])]
     if not files:
-        raise TakeError(f"{given[0]}: has no file such as {kinds}")
+        raise TakeError(f"{given[0]}: has none of the files that are needed: expected files such as {kinds}")
     return files
 
 
@@ -141,7 +141,9 @@ def _tell(
     table = table_of("camera", "pixels", "frames", "seconds", "video", "empty stage")
     for name, index in indices.items():
         size, seconds = f"{index.width_px}x{index.height_px}", np.ptp(index.times_s)
-        seconds *= index.n_frames / max(index.n_frames - 1, 1)  # the last frame lasts too
+        seconds *= index.n_frames / max(
+            index.n_frames - 1, 1
+        )  # the last frame is shown as long as the others
         table.add_row(
             escape(name),
             size,

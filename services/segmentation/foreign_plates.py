@@ -9,9 +9,10 @@ from services.mocap.take.folder import Take
 from services.mocap.types import Bytes, Floats
 
 _SIZE_PX = 64, 48
-_UNLIKE_LEVELS, _ALIKE = 8.0, 0.4
-"""A plate is another camera's if its median difference from its own camera's video is larger than the first,
-and that from the other's video smaller than the second as a share of it."""
+_UNLIKE_LEVELS = 8.0
+"""A plate that differs less from its own camera's video, by the median over the picture, is that camera's."""
+_ALIKE = 0.4
+"""Else it is that of another camera, if it differs from that one's video by less than this share as much."""
 
 
 def foreign_plates(take: Take) -> dict[str, str]:

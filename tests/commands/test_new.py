@@ -144,12 +144,15 @@ def test_what_it_refuses_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
     (shoot / "walk7-Camera2.mp4").rename(shoot / "other.mp4")
     for words, said in (
         ((out, tmp_path / "nowhere"), "nowhere: is missing"),
-        ((out, tmp_path), "has no file such as"),
+        ((out, tmp_path), "has none of the files that are needed: expected files such as .mp4"),
         (
             (out, shoot, "--calibration", shoot / "calibration.toml"),
             r"that of cam02: .*the videos are other\.mp4, walk",
         ),
-        ((out, shoot, "--background", shoot / "calibration.toml"), "is no file such as .* or .png"),
+        (
+            (out, shoot, "--background", shoot / "calibration.toml"),
+            "is of another kind: expected a file such as .* or .png",
+        ),
         (
             (out, shoot, "--background", shoot / "other.mp4"),
             r"empty stage of walk7-Camera1 among other\.mp4: name",

@@ -51,8 +51,8 @@ def check_take(folder: Path) -> None:
             what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
             odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
     advice = (
-        "check calibration, synchronisation (xormocap sync) and silhouettes; furniture that hides part of "
-        "the actor from a camera does it too: then all that it shows is covered by the others' hull"
+        "check calibration, synchronisation (xormocap sync) and silhouettes; a camera whose silhouettes "
+        "the others' hull covers by 100 % may be right: then furniture hides part of the actor from it"
     )
     raise TakeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 

@@ -1,4 +1,4 @@
-"""What an actor wears that is no girth of a limb: a skirt or the tails of a coat, and a hat."""
+"""What an actor wears that does more than widen trunk and limbs: a skirt or the tails of a coat; a hat."""
 
 from functools import lru_cache
 

@@ -68,7 +68,7 @@ def verdict_of(result: Result) -> Verdict:
     lost_limbs = lost_limbs_of(result.distrusted, result.confidence)
     levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in (*before, *found))]
     level = max(levels, key=LEVELS.index)
-    if level == LEVELS[-1]:  # what was found before the run, such as a missing plate, is no mere remark then
+    if level == LEVELS[-1]:  # then a remark from before the run, such as a missing plate, is a likely cause
         before = tuple(c.model_copy(update={"level": level}) if c.remedy else c for c in before)
     if all(cause.kind == "remark" for cause in (*before, *found)):
         unexplained = (_UNEXPLAINED,) if level == LEVELS[-1] else ()

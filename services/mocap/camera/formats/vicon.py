@@ -102,10 +102,11 @@ def _distortion(where: str, frame: Element, focal_px: float, reach_px: float) ->
 
 
 def _fitted(radii_px: Floats, times: Floats, focal_px: float, n_coefficients: int) -> tuple[Floats, float]:
-    """The first coefficients of (1 + k1 u^2 + k2 u^4 + k3 u^6) / (1 + k4 u^2 + k5 u^4 + k6 u^6), by which a
-    corrected radius u is in the picture what it is there, and by how many pixels they miss one at most.
+    """OpenCV's first coefficients, and by how many pixels a point of the picture is off with them at most.
 
-    That is infinite if they fold the corners of the undistorted picture back into it.
+    A point whose corrected radius is u, in focal lengths, lies in the picture u times
+    (1 + k1 u^2 + k2 u^4 + k3 u^6) / (1 + k4 u^2 + k5 u^4 + k6 u^6) from the centre. The error is infinite if
+    coefficients fold the corners of the undistorted picture back into it.
     """
     corrected = radii_px * times / focal_px
     largest = max(corrected[-1], radii_px[-1] / focal_px)
