@@ -1,7 +1,7 @@
 """In which hat a fit is best.
 
 A brim hides how large the head is and where it looks, so hats are compared after a short fit of the head
-alone. The body's own head is fitted the same way first, and a hat must be better by far.
+alone. The body's own head is fitted the same way first, and a hat must be clearly better.
 """
 
 from services.mocap.body import shape_space
