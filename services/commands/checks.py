@@ -2,13 +2,17 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import typer
 
 from services.commands.consoles import progress_bar, warn
-from services.mocap.calibration.mistakes import Mistake, mistakes_in, wrong_up
+from services.mocap.calibration.epipolar_tangents import Outlines
+from services.mocap.calibration.mistake import Mistake
+from services.mocap.calibration.mistakes import mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
+from services.mocap.camera.camera import Camera
 from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
@@ -79,12 +83,42 @@ def look_before(silhouettes: TakeSilhouettes, frames: range) -> tuple[Cause, ...
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """What comparing the cameras, each of them segmented alone, has shown in some first frames."""
+
+    frames: range
+    cameras: tuple[Camera, ...]
+    outlines: Outlines
+    mistakes: list[Mistake]
+    """None of them certain."""
+    warnings: list[str]
+    """Of the segmentation."""
+
+
+def _compare(silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]) -> _Comparison:
+    """Compare the cameras; raises TakeError where it is certain that the take cannot be tracked."""
+    take, n_frames = silhouettes.take, _MOST_FRAMES
+    if not silhouettes.are_ready:
+        each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
+        n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
+    first = range(frames.start, min(frames.stop, frames.start + n_frames))
+    with kept_warnings() as warnings:
+        moved = silhouettes.segmenter.moved()
+        cameras, outlines, _ = outlines_of(take, first, progress, silhouettes.name, moved)
+    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, first)
+    for mistake in found:
+        if mistake.is_certain:
+            raise _refused(take, mistake, [*silhouettes.said, *warnings])
+    return _Comparison(first, cameras, outlines, found, warnings)
+
+
 def _mistakes(
     silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]
 ) -> Iterator[Mistake]:
-    take, segmenter = silhouettes.take, silhouettes.name
+    take = silhouettes.take
     if not silhouettes.has_stage:
-        if kind_of(chosen_segmenter(take, segmenter)).needs_plate:
+        if kind_of(chosen_segmenter(take, silhouettes.name)).needs_plate:
             yield Mistake(
                 f"{BACKGROUND}/",
                 "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
@@ -94,25 +128,15 @@ def _mistakes(
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:
         return
-    n_frames = _MOST_FRAMES
-    if not silhouettes.are_ready:
-        each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
-        n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
-    looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
-    with kept_warnings() as warnings:
-        moved = silhouettes.segmenter.moved()
-        cameras, outlines, _ = outlines_of(take, looked_at, progress, segmenter, moved)
-    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
-    for mistake in found:
-        if mistake.is_certain:
-            raise _refused(take, mistake, [*silhouettes.said, *warnings])
-    yield from map(_mistake_of, warnings)
+    compared = _compare(silhouettes, frames, progress)
+    yield from map(_mistake_of, compared.warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
-    yield from (m for m in found if silhouettes.are_ready or m.is_out_of_step or m.is_change)
-    if not any(mistake.is_change for mistake in found):
-        some = [looked_at[k] for k in evenly(len(looked_at), _FRAMES_FOR_FEET)]
-        together = trimaps_of(take, some, silhouettes.segmenter, lambda _: None)
-        yield from silhouette_faults(cameras, outlines, together, moved)
+    yield from (m for m in compared.mistakes if silhouettes.are_ready or m.is_out_of_step or m.is_change)
+    if not any(mistake.is_change for mistake in compared.mistakes):
+        some = [compared.frames[k] for k in evenly(len(compared.frames), _FRAMES_FOR_FEET)]
+        made = silhouettes.segmenter
+        together = trimaps_of(take, some, made, lambda _: None)
+        yield from silhouette_faults(compared.cameras, compared.outlines, together, made.moved())
 
 
 def _mistake_of(warning: str) -> Mistake:
@@ -128,7 +152,10 @@ def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> Take
 
 
 def in_view(silhouettes: TakeSilhouettes, frames: range) -> range:
-    """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
+    """These frames from the first one on that shows the whole actor; a warning says if it is a later one.
+
+    Raises TakeError where it is certain that the take cannot be tracked, and none will be found.
+    """
     with progress_bar() as show:
         found = _frames_in_view(silhouettes, frames, lambda share: show("looking for the actor", share))
         show("actor in view", 1.0)
@@ -153,6 +180,7 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
     with kept_warnings():  # what comes after this says them again
         if _cameras_that_see(take, frames.start, made, of_other_faults=1):
             return frames
+        _compare(silhouettes, frames, lambda _: None)
         looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]
         best, most, n_further = frames.start, 0, _FURTHER_LOOKS
         for frame in looks:

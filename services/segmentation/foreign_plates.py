@@ -40,7 +40,7 @@ def foreign_plates(take: Take) -> dict[str, str]:
 def _log_levels(pictures: Iterable[Bytes]) -> Floats:
     """Logarithms of the levels of the first of some pictures (H, W, 3), small."""
     small = cv2.resize(next(iter(pictures)), _SIZE_PX, interpolation=cv2.INTER_AREA)
-    return np.log(small + float(_DARK_LEVELS))
+    return np.asarray(np.log(small + float(_DARK_LEVELS)))
 
 
 def _difference(plate: Floats, seen: Floats) -> float:

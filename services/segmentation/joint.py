@@ -74,8 +74,10 @@ class JointMatte:
         if self._has_others:
             hidden = hidden_floor(0.0, self._lenses, self._plate_means)
             self._floor = Floor.at(0.0, cameras, hidden)
-        self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
-        self._objects = StaticObjects(self._voxels) if self._voxels is not None else None
+        self._voxels: VoxelGrid | None = None
+        self._objects: StaticObjects | None = None
+        if len(cameras) > 2:
+            self._fill_with_voxels(0.0)
         self._are_many = len(cameras) >= _MANY_CAMERAS
         width, height = self._lenses.sizes_px.max(axis=0)
         shape = len(self._cameras), int(height), int(width)
@@ -161,9 +163,13 @@ class JointMatte:
             seen.append((self._ratios.copy(), self._states.copy(), there))
         self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means)
         if self._voxels is not None:
-            height_m = self._floor.height_m if self._floor is not None else 0.0
-            self._voxels = VoxelGrid.of(self._cameras, self._lenses, height_m)
-            self._objects = StaticObjects(self._voxels)
+            self._fill_with_voxels(self._floor.height_m if self._floor is not None else 0.0)
+
+    def _fill_with_voxels(self, floor_m: float) -> None:
+        """Fill the place above a floor; a wrong calibration has none that several cameras look at."""
+        voxels = VoxelGrid.of(self._cameras, self._lenses, floor_m)
+        if len(voxels.coarse_m):
+            self._voxels, self._objects = voxels, StaticObjects(voxels)
 
     @property
     def _plate_means(self) -> list[Steps]:

@@ -217,20 +217,25 @@ def _exchanged(take: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("flip", "said"),
     [
-        (
-            lambda take: _turned(take, 2, lambda picture: picture[::-1, ::-1]),
-            "cam03 (its pictures are upside down)",
-        ),
-        (
-            lambda take: _turned(take, 2, lambda picture: picture[:, ::-1]),
-            "cam03 (its pictures are mirrored)",
-        ),
-        (_moved, "cam03: not in agreement with the other 4 cameras"),
-        (_exchanged, "cam03"),
+        (lambda picture: picture[::-1, ::-1], "upside down"),
+        (lambda picture: picture[:, ::-1], "mirrored"),
     ],
-    ids=["upside down", "mirrored", "moved", "another camera's pictures"],
+)
+def test_flipped_pictures_of_a_camera_are_named(
+    take: Path, flip: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    _turned(take, 2, flip)
+    with pytest.raises(TakeError) as refused:
+        check_take(take)
+    assert f"calibration.toml: [cam03]: its pictures are {said} against its calibration" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [(_moved, "cam03: not in agreement with the other 4 cameras"), (_exchanged, "cam03")],
+    ids=["moved", "another camera's pictures"],
 )
 def test_the_camera_that_does_not_agree_is_named(
     take: Path, spoil: Callable[[Path], None], said: str

@@ -7,8 +7,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.consoles import progress_bar, stdout, table_of, warn
-from services.mocap.calibration.epipolar_tangents import TangentAgreement, agreement_of, likely_mistake
+from services.mocap.calibration.epipolar_tangents import TangentAgreement, agreement_of
 from services.mocap.calibration.remarks import remarks_on
+from services.mocap.calibration.trials import undone_mistake
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.agreement import filled_by_others
@@ -21,7 +22,7 @@ _FEWEST_CAMERAS = 2
 
 
 def check_take(folder: Path) -> None:
-    """Print the error of every camera, and raise TakeError if one does not agree."""
+    """Print the error of every camera, and raise TakeError if one does not agree, with the cause if known."""
     take = open_take(folder)
     warn(take.remarks)
     if len(take.cameras) < _FEWEST_CAMERAS:
@@ -34,6 +35,9 @@ def check_take(folder: Path) -> None:
         )
     found = agreement_of(cameras, outlines)
     names = [camera.name for camera in cameras]
+    certain = undone_mistake(cameras, outlines, take.settings.up)
+    if certain is not None:
+        raise TakeError(f"{folder}/{certain}")
     if not np.isfinite(found.off_px).any():
         raise TakeError(
             f"{folder}: silhouettes: no two cameras show the whole actor: nothing can be compared"
@@ -44,17 +48,13 @@ def check_take(folder: Path) -> None:
     if not found.odd:
         return
     good = found.good
-    others, odd = f"any of the {len(names)} cameras", [names[c] for c in found.odd]
-    if len(good) > 1:
-        others, odd = f"the other {len(good)} cameras", []
-        for c in found.odd:
-            what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
-            odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
+    others = f"the other {len(good)} cameras" if len(good) > 1 else f"any of the {len(names)} cameras"
+    odd = ", ".join(names[c] for c in found.odd)
     advice = (
         "check calibration, synchronisation (xormocap sync) and silhouettes; a camera whose silhouettes "
         "the others' hull covers by 100 % may be right: then furniture hides part of the actor from it"
     )
-    raise TakeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
+    raise TakeError(f"{folder}: {odd}: not in agreement with {others}: {advice}")
 
 
 def _table(names: list[str], found: TangentAgreement, filled: Floats) -> Table:

@@ -9,6 +9,7 @@ compared by two angles per frame, without voxels and for any actor.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -24,9 +25,6 @@ _SMALLEST_SHARE = 0.0005
 """Of a picture; less is noise."""
 _OFF_PER_WIDTH = 0.005
 """Two good cameras' silhouettes touch the same planes to within this share of the width, 1.6 px of 320."""
-_DECISIVE = 2.0
-"""Factor by which a camera's error must fall when its pictures are turned or mirrored, to conclude that they
-are."""
 _FEWEST_LEFT = 2
 
 
@@ -54,6 +52,10 @@ class Outline:
         middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
         pixels = (self.pixels(camera) - middle) * flip + middle
         return Outline((other or camera).rays_world(pixels), self.cut_off)
+
+
+Outlines: TypeAlias = list[list[Outline | None]]
+"""Per camera, of each frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +116,13 @@ def _contours(mask: Mask) -> Sequence[MatLike]:
     return cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
 
 
-def touches_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> list[Touches]:
+def touches_of(cameras: tuple[Camera, ...], outlines: Outlines) -> list[Touches]:
     """All pairs of cameras that stand apart; outlines: per camera, of each frame."""
     found = [_touches(a, b, cameras, outlines) for a, b in combinations(range(len(cameras)), 2)]
     return [touches for touches in found if touches is not None]
 
 
-def _touches(
-    a: int, b: int, cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]
-) -> Touches | None:
+def _touches(a: int, b: int, cameras: tuple[Camera, ...], outlines: Outlines) -> Touches | None:
     baseline_m = cameras[b].centre_world_m - cameras[a].centre_world_m
     length_m = float(np.linalg.norm(baseline_m))
     seen = [outline for c in (a, b) for outline in outlines[c] if outline is not None]
@@ -162,6 +162,8 @@ class TangentAgreement:
     unknown."""
     odd: tuple[int, ...]
     """Cameras that do not agree with the others, the worst first."""
+    n_agreeing: int
+    """Pairs of cameras that agree."""
 
     @property
     def good(self) -> list[int]:
@@ -169,7 +171,7 @@ class TangentAgreement:
         return [c for c in range(len(self.off_px)) if c not in self.odd and np.isfinite(self.off_px[c])]
 
 
-def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> TangentAgreement:
+def agreement_of(cameras: tuple[Camera, ...], outlines: Outlines) -> TangentAgreement:
     """Find the cameras that disagree: the worst is left out until all others agree.
 
     outlines: per camera, of each frame. If two disagree it is unknown which is wrong: then both are odd.
@@ -187,7 +189,7 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
         odd += left
     good = [c for c in left if c not in odd] or left
     each = np.array([_typical(off_px, c, [*good, c]) for c in range(len(cameras))])
-    return TangentAgreement(each, tuple(odd))
+    return TangentAgreement(each, tuple(odd), int((off_px <= limit_px).sum()) // 2)
 
 
 def agreement_limit_px(cameras: Sequence[Camera]) -> float:
@@ -203,23 +205,6 @@ def pair_matrix(n_cameras: int, pairs: Sequence[Touches]) -> Floats:
         if np.isfinite(off).any():
             off_px[pair.first, pair.second] = off_px[pair.second, pair.first] = float(np.nanmedian(off))
     return off_px
-
-
-def likely_mistake(
-    camera: int,
-    cameras: tuple[Camera, ...],
-    others: list[int],
-    outlines: list[list[Outline | None]],
-    off_px: float,
-) -> str | None:
-    """What makes an odd camera agree with the others: turning its pictures, or mirroring them."""
-    for words, flip in (("upside down", (-1.0, -1.0)), ("mirrored", (-1.0, 1.0))):
-        flipped = [o and o.in_camera(cameras[camera], flip=flip) for o in outlines[camera]]
-        chosen = (*(cameras[c] for c in others), cameras[camera])
-        found = pair_matrix(len(chosen), touches_of(chosen, [*(outlines[c] for c in others), flipped]))
-        if _typical(found, len(others), list(range(len(chosen)))) * _DECISIVE < off_px:
-            return words
-    return None
 
 
 def _typical(off_px: Floats, camera: int, among: list[int]) -> float:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.epipolar_tangents import Outline
-from services.mocap.calibration.mistakes import Mistake
+from services.mocap.calibration.mistake import Mistake
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
