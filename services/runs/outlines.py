@@ -1,14 +1,16 @@
 """The outlines of a take's silhouettes, each camera's made without the help of the others."""
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
 import numpy as np
 
-from services.mocap.calibration.epipolar_tangents import Outline, outline_of
+from services.mocap.calibration.epipolar_tangents import Outline, Outlines, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
+from services.mocap.side_by_side import N_CORES
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask, Trimap
 from services.segmentation.segmenters import AUTO, make_segmenter
@@ -20,7 +22,7 @@ def outlines_of(
     progress: Callable[[float], None],
     segmenter: str = AUTO,
     moved: Mapping[str, Mask] | None = None,
-) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
+) -> tuple[tuple[Camera, ...], Outlines, Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and trimaps (C, H, W) of the middle
     frame.
 
@@ -29,16 +31,22 @@ def outlines_of(
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
-    outlines: list[list[Outline | None]] = []
     of_middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
-    for c, camera in enumerate(take.cameras):
-        alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
-        trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
-        of_camera: list[Outline | None] = []
-        for n, (trimap,) in enumerate(trimaps):
-            of_camera.append(outline_of(trimap, cameras[c]))
+    alone = [make_segmenter(take, [camera], segmenter).knowing(moved or {}) for camera in take.cameras]
+
+    def of_camera(c: int) -> list[Outline | None]:
+        found: list[Outline | None] = []
+        for n, (trimap,) in enumerate(
+            islice(alone[c].trimaps(frames.start, frames.stop), 0, None, frames.step)
+        ):
+            found.append(outline_of(trimap, cameras[c]))
             if n == len(frames) // 2:
                 of_middle[c] = in_common_size(trimap, width_px, height_px)
-        outlines.append(of_camera)
-        progress((c + 1) / len(take.cameras))
+        return found
+
+    outlines: Outlines = []
+    with ThreadPoolExecutor(N_CORES) as pool:  # one of its own: segmenters work side by side as well
+        for found in pool.map(of_camera, range(len(cameras))):
+            outlines.append(found)
+            progress(len(outlines) / len(cameras))
     return cameras, outlines, of_middle

@@ -283,6 +283,20 @@ def test_a_displaced_plate_is_a_remark(videos: Path, remarks: Callable[[Path], l
     assert "record the empty stage again" in remark
 
 
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [(_invert, "the way from the camera to the world"), (lambda take: _as_opengl(take, 3), "OpenGL's axes")],
+    ids=["inverted", "OpenGL"],
+)
+def test_a_calibration_whose_cameras_look_at_no_common_place_is_refused(
+    videos: Path, checked: Checked, damage: Damage, said: str
+) -> None:
+    damage(videos)
+    sentence = checked("track", videos).stderr.splitlines()[-1]
+    assert sentence.startswith(f"{videos}/calibration.toml: rotation, translation: the cameras agree only if")
+    assert said in sentence
+
+
 def test_plates_of_other_cameras_are_refused_at_once(videos: Path, checked: Checked) -> None:
     one, other = (background_video_path(videos, camera) for camera in ("cam01", "cam03"))
     one.rename(videos / "moved.mp4")
