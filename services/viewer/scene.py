@@ -77,7 +77,7 @@ class Scene3D:
         return segments
 
     def place(self, solved: SolvedFrame) -> None:
-        """Show a frame's pose; unreliable parts are red."""
+        """Show a frame's pose; doubtful parts are red wires, which who sees no red sees as well."""
         (wxyz, root_m), pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
             self._segments[s].wxyz = wxyz[s]
@@ -87,6 +87,7 @@ class Scene3D:
         red = doubtful_parts(solved.distrusted)[SEGMENT_PARTS]
         for s in np.flatnonzero(red != self._red).tolist():
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
+            self._segments[s].wireframe = bool(red[s])
         self._red = red
 
     def show_picture(self, camera: int, picture_rgb: Bytes) -> None:

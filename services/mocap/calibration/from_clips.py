@@ -8,8 +8,8 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, check_sizes, find_clips
-from services.mocap.calibration.detection import Detector, look_through
-from services.mocap.calibration.diagnosis import check_prints, check_same_pictures
+from services.mocap.calibration.detection import Detector, look_through, upright_print
+from services.mocap.calibration.diagnosis import check_prints, check_same_pictures, wrong_markers
 from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
 from services.mocap.calibration.sightings import Sighting, Sightings, is_usable
@@ -21,8 +21,8 @@ _MOST_OF_ORIGIN = 30
 _STILL_PX = 2.0
 """Allowed movement of a corner while the board lies at the origin."""
 _LOOKING_SHARE = 0.6
-_POLARITY_SAMPLES = 6
-"""Pictures of each clip in which a board is searched as printed and as its negative."""
+_FIRST_SAMPLES = 6
+"""Pictures of each clip in which a board with markers, or another one, is searched before all others."""
 
 
 def check_clips(folder: Path, level: str | None, *, needs_origin: bool) -> list[str]:
@@ -77,9 +77,11 @@ def calibrate_clips(
     Raises CalibrationError with what is missing or wrong, and what to do about it.
     """
     clips, remarks = find_clips(folder), []
-    if board.inverted is None:
-        board = _with_polarity(board, clips)
-        remarks += ["the board is printed white on black (inverted = true)"] if board.inverted else []
+    if board.has_markers:
+        printed = _as_printed(board, clips)
+        if printed.inverted and not board.inverted:
+            remarks.append("the board is printed white on black (inverted = true)")
+        board = printed
     detector, seen = Detector(board), []
     for c, clip in enumerate(clips):
         show(f"searching the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
@@ -104,14 +106,22 @@ def calibrate_clips(
     return replace(solution, pictures=tuple(sightings.best_picture for sightings in seen)), remarks
 
 
-def _with_polarity(board: Board, clips: list[Clip]) -> Board:
-    """The board, inverted or not as it is found in samples of the clips; unchanged if it is in none."""
-    plain, inverted = (board.model_copy(update={"inverted": value}) for value in (False, True))
-    for clip in clips if board.has_markers else ():
-        samples = [picture for _, picture in clip.pictures(_POLARITY_SAMPLES)]
-        for other in (plain, inverted):
-            if any(Detector(other).find(picture) for picture in samples):
-                return other
+def _as_printed(board: Board, clips: list[Clip]) -> Board:
+    """A board with markers, inverted or not as it is found in samples of the clips; as given if in none.
+
+    Raises CalibrationError if it is in none, and another board is.
+    """
+    ways = (False, True) if board.inverted is None else (board.inverted,)
+    prints = [board.model_copy(update={"inverted": way}) for way in ways]
+    of_clips = [[picture for _, picture in clip.pictures(_FIRST_SAMPLES)] for clip in clips]
+    for samples in of_clips:
+        for printed in prints:
+            if any(Detector(printed).find(picture) for picture in samples):
+                return printed
+    for clip, samples in zip(clips, of_clips, strict=True):
+        problem = wrong_markers([upright_print(picture, board) for picture in samples], board)
+        if problem is not None:
+            raise CalibrationError(f"{clip.path}: {problem}")
     return board
 
 

@@ -196,7 +196,8 @@ class OverlayWriter:
                 write_text(sheet, f"{cause.kind}: {cause}", (10, lowest), WHITE_BGR, _TITLE_SCALE)
         end = write_text(sheet, frame, (10, baseline), WHITE_BGR, _TEXT_SCALE)
         end = write_text(sheet, words, (end + 24, baseline), colour_bgr, _TEXT_SCALE)
-        end = write_text(sheet, f"energy {energy:.0f} px", (end + 24, baseline), WHITE_BGR, _TEXT_SCALE)
+        differing = f"energy: {energy:.0f} px differ"
+        end = write_text(sheet, differing, (end + 24, baseline), WHITE_BGR, _TEXT_SCALE)
         x = sheet.shape[1] - 110
         if x > end:
             x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)

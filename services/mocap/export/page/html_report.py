@@ -111,7 +111,7 @@ def _summary(result: Result) -> Rows:
         accuracy = run["accuracy"]
         rows.append(("joint error", accuracy_in_words(accuracy)))
         rows.append(("lost limbs", f"{len(accuracy['lost_limbs'])}"))
-    rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
+    rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels that differ"))
     if "speed" in run:
         speed = run["speed"]
         rows.append(("tracked at", rate_in_words(speed["frames_per_s"])))
