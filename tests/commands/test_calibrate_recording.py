@@ -38,12 +38,12 @@ def looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     detectors: list[Detector] = []
 
     @cache
-    def first(clip: Clip, folder: Path) -> Sightings:
-        return look(clip, folder, detectors[-1])
+    def first(clip: Clip, folder: Path, camera: int, n_cameras: int) -> Sightings:
+        return look(clip, folder, detectors[-1], camera, n_cameras)
 
-    def again(clip: Clip, folder: Path, detector: Detector) -> Sightings:
+    def again(clip: Clip, folder: Path, detector: Detector, camera: int, n_cameras: int) -> Sightings:
         detectors.append(detector)
-        return first(clip, folder)
+        return first(clip, folder, camera, n_cameras)
 
     monkeypatch.setattr(from_clips, "_sightings", again)
 

@@ -85,7 +85,7 @@ def calibrate_clips(
     detector, seen = Detector(board), []
     for c, clip in enumerate(clips):
         show(f"searching the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
-        seen.append(_sightings(clip, folder, detector))
+        seen.append(_sightings(clip, folder, detector, c, len(clips)))
     check_prints(list(zip(clips, seen, strict=True)), board)
     check_same_pictures(seen)
     remarks += [
@@ -125,8 +125,12 @@ def _as_printed(board: Board, clips: list[Clip]) -> Board:
     return board
 
 
-def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
-    """All that a camera saw: of its clip, of its own clip for the lens, and of the origin."""
+def _sightings(clip: Clip, folder: Path, detector: Detector, camera: int, n_cameras: int) -> Sightings:
+    """All that a camera saw: of its clip, of its own clip for the lens, and of the origin.
+
+    Moments of its own clip have negative numbers, which no other camera has: the board was elsewhere in those
+    of the others.
+    """
 
     def look(at: Clip, most: int) -> Sightings:
         return look_through(clip.camera, at.pictures(most), detector)
@@ -137,7 +141,8 @@ def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
         for other in (other for other in find_clips(folder / kind) if other.camera == clip.camera):
             found = look(other, most)
             if kind == INTRINSICS:
-                by_frame.update({-1 - frame: sighting for frame, sighting in found.by_frame.items()})
+                own = {-1 - camera - n_cameras * frame: view for frame, view in found.by_frame.items()}
+                by_frame.update(own)
             elif (origin := _at_rest(other, list(found.by_frame.values()), detector.board)) is not None:
                 by_frame[ORIGIN_FRAME] = origin
     return replace(seen, by_frame=by_frame)

@@ -40,7 +40,7 @@ class Sightings:
     size_px: tuple[int, int]
     """Width and height of the pictures."""
     by_frame: Mapping[int, Sighting]
-    """Pictures of one number show one moment in all cameras; negative numbers are this camera's alone."""
+    """Pictures of one number show one moment in all cameras; no two cameras have the same negative number."""
     n_looked_at: int
     """The number of pictures in which the board was searched."""
     best_picture: Bytes | None = None
