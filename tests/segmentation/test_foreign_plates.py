@@ -53,13 +53,19 @@ def test_other_light_is_no_other_camera(tmp_path: Path, texture: float, times: f
     assert _found(tmp_path, plates, [_brightened(plate, times) for plate in plates]) == {}
 
 
+@pytest.mark.parametrize("texture", [0.05, 0.3])
 @pytest.mark.parametrize("times", [0.85, 1.15])
-def test_exchanged_plates_are_named(tmp_path: Path, times: float) -> None:
-    scenes = [_scene(camera, 0.3) for camera in range(4)]
+def test_exchanged_plates_are_named(tmp_path: Path, texture: float, times: float) -> None:
+    scenes = [_scene(camera, texture) for camera in range(4)]
     found = _found(
         tmp_path, [scenes[c] for c in (2, 1, 0, 3)], [_brightened(scene, times) for scene in scenes]
     )
     assert found == {"cam01": "cam03", "cam03": "cam01"}
+
+
+def test_the_plate_of_another_camera_as_well_is_named(tmp_path: Path) -> None:
+    scenes = [_scene(camera, 0.3) for camera in range(4)]
+    assert _found(tmp_path, [scenes[c] for c in (0, 0, 2, 3)], scenes) == {"cam02": "cam01"}
 
 
 def test_an_actor_before_half_of_the_floor_makes_no_other_camera(tmp_path: Path) -> None:
