@@ -113,7 +113,7 @@ class CameraBackground:
         ghost = find_ghost(np.array(self.looks), quick_looks(self.take, self.camera, LOOKS))
         if ghost is None:
             return
-        what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
+        what = "something moves in it" if ghost.moves else "shows something that most frames do not"
         log.warning(
             "%s/background: clean plate of %s: %s (%.1f%% of the picture, about column %d, row %d), which "
             "spoils the silhouettes: record the empty stage with nobody in it",

@@ -84,6 +84,13 @@ def test_somebody_who_stands_in_the_plate(n_plates: int) -> None:
     assert ghost.share == pytest.approx(somebody(84).mean(), rel=0.1)
 
 
+def test_the_actor_in_the_plate_who_then_walks_away() -> None:
+    ghost = find_ghost(np.array([picture([84], 100)]), walk([84, 84, 84, *range(70, 10, -6)]))
+    assert ghost is not None
+    assert not ghost.moves
+    assert ghost.centre_px(WIDTH) == pytest.approx((84, 45), abs=3)
+
+
 def test_somebody_who_walks_through_the_plate() -> None:
     ghost = find_ghost(walk([20, 40, 60, 80, 100, 20, 40, 60]), walk(list(range(10, 110, 9))))
     assert ghost is not None
