@@ -71,8 +71,8 @@ def verdict_of(result: Result) -> Verdict:
     if level == LEVELS[-1]:  # then a remark from before the run, such as a missing plate, is a likely cause
         before = tuple(c.model_copy(update={"level": level}) if c.remedy else c for c in before)
     if all(cause.kind == "remark" for cause in (*before, *found)):
-        unexplained = (_UNEXPLAINED,) if level == LEVELS[-1] else ()
-        found = (*_hidden_limbs(result.distrusted), *unexplained, *found)
+        likely = (_UNEXPLAINED,) if level == LEVELS[-1] else _hidden_limbs(result.distrusted)
+        found = (*likely, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
     named[:, whole] = result.distrusted[:, whole]
