@@ -180,7 +180,6 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
     with kept_warnings():  # what comes after this says them again
         if _cameras_that_see(take, frames.start, made, of_other_faults=1):
             return frames
-        _compare(silhouettes, frames, lambda _: None)
         looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]
         best, most, n_further = frames.start, 0, _FURTHER_LOOKS
         for frame in looks:
@@ -191,6 +190,8 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
             n_further -= most > 0
             if most == len(take.cameras) or n_further == 0:
                 break
+        if most == 0:
+            _compare(silhouettes, frames, lambda _: None)  # perhaps the calibration is why nobody is seen
     return range(best, frames.stop)
 
 

@@ -9,8 +9,8 @@ from services.mocap.take.folder import Take
 from services.mocap.types import Bytes, Floats
 
 _SIZE_PX = 64, 48
-_DARK_LEVELS = 8
-"""Added to all levels, so that the noise of dark pixels counts little in ratios."""
+_DARKEST, _BRIGHTEST, _LEAST_COMPARED = 24, 245, 0.4
+"""Levels between which pixels are compared: others are noise or clipped; and the least share of these."""
 _UNLIKE, _EXCHANGED = 0.04, 0.02
 """A plate that differs less from its own camera's video (see _difference) is that camera's; by less still, if
 the plates are exchanged among cameras. In 170 cameras of studios, brightened or darkened to 0.67 to 1.3
@@ -22,11 +22,11 @@ _ALIKE = 0.4
 def foreign_plates(take: Take) -> dict[str, str]:
     """Cameras whose clean plate shows the view of another camera's video -> that camera."""
     cameras = [camera for camera in take.cameras if take.has_background(camera) and take.has_video(camera)]
-    plates = [_log_levels(take.background(camera)) for camera in cameras]
+    plates = [_small(take.background(camera)) for camera in cameras]
     first_frames = []
     for camera in cameras:
         with take.video(camera, 0, 1) as video:
-            first_frames.append(_log_levels(video))
+            first_frames.append(_small(video))
     found, own = dict[str, str](), dict[str, float]()
     for camera, plate in zip(cameras, plates, strict=True):
         off = {
@@ -40,17 +40,21 @@ def foreign_plates(take: Take) -> dict[str, str]:
     return {name: other for name, other in found.items() if are_exchanged or own[name] > _UNLIKE}
 
 
-def _log_levels(pictures: Iterable[Bytes]) -> Floats:
-    """Logarithms of the levels of the first of some pictures (H, W, 3), small."""
-    small = cv2.resize(next(iter(pictures)), _SIZE_PX, interpolation=cv2.INTER_AREA)
-    return np.asarray(np.log(small + float(_DARK_LEVELS)))
+def _small(pictures: Iterable[Bytes]) -> Floats:
+    """The first of some pictures (H, W, 3), small."""
+    return cv2.resize(next(iter(pictures)), _SIZE_PX, interpolation=cv2.INTER_AREA).astype(np.float64)
 
 
 def _difference(plate: Floats, seen: Floats) -> float:
-    """By which ratio, less one, levels differ in the median over two pictures' _log_levels.
+    """By which ratio, less one, levels differ in the median over two small pictures; 0 where too few can be
+    compared.
 
     A ratio that most of the picture shares is left out: that of light that has changed. It is not taken from
     each picture's own median, which jumps where an actor stands before a floor and a wall of equal area.
     """
-    ratio = seen - plate
-    return float(np.median(np.abs(ratio - np.median(ratio, axis=(0, 1)))))
+    both = np.stack([plate, seen])
+    compared = ((both > _DARKEST) & (both < _BRIGHTEST)).all(axis=(0, 3))
+    if compared.mean() < _LEAST_COMPARED:
+        return 0.0
+    ratio = np.log(seen[compared] / plate[compared])
+    return float(np.median(np.abs(ratio - np.median(ratio, axis=0))))

@@ -32,9 +32,8 @@ _LEAST_SHARE = 0.002
 """Share of the picture; what is smaller than 154 pixels of 320x240 is no person."""
 _SEEN_EMPTY = 0.5
 """Share of the take's pictures that show the same where something of the plate is gone."""
-_SHOWN_IN = (0.0, 0.25, 0.5)
-"""At most so many of the take's pictures show it as the plate does, as those before an actor who was in the
-plate has left the place; all are tried, as with more the patches of other places join it."""
+_LEAVES_AFTER = (0.0, 0.25, 0.5)
+"""Shares of the take after which it differs from the plate where the actor stood in it, until he left."""
 _EDGE_RATIO = 1.3
 """How much stronger the outline of a missing object is in the plate than in the take."""
 
@@ -133,7 +132,7 @@ def find_ghost(plate: Bytes, samples: Bytes) -> Ghost | None:
 
 
 def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
-    """Patches of what stands in a plate (H, W, 3) and in none or few samples (M, H, W, 3).
+    """Patches of what stands in a plate (H, W, 3) and in no later sample (M, H, W, 3).
 
     An actor who never leaves a place differs from the plate there as well, but has an outline there in the
     take, which a place that a person has left does not have. Medians along the outline: the border of a wall
@@ -141,7 +140,7 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
     """
     gauge = Gauge.on(plate.astype(np.float32))
     evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
-    as_in_plate = _agreeing(evened, plate, _DIFFERENT_LEVELS).mean(axis=0)
+    as_in_plate = _agreeing(evened, plate, _DIFFERENT_LEVELS)
     usual = _median_picture(evened)
     same = _agreeing(evened, usual, _DIFFERENT_LEVELS).mean(axis=0)
     in_plate, in_take = slopes_of(grey_of(plate)), np.mean([slopes_of(grey_of(s)) for s in evened], axis=0)
@@ -151,8 +150,9 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
         outline, in_takes = (float(np.median(slopes[rim])) for slopes in (in_plate, in_take))
         return same[patch].mean() >= _SEEN_EMPTY and outline > _EDGE_RATIO * in_takes
 
-    for share in _SHOWN_IN:
-        if gone := [patch for patch in _patches(np.asarray(as_in_plate <= share)) if is_gone(patch)]:
+    for share in _LEAVES_AFTER:
+        differs: Mask = np.asarray(~as_in_plate[round(share * len(samples)) :].any(axis=0))
+        if gone := [patch for patch in _patches(differs) if is_gone(patch)]:
             return gone
     return []
 

@@ -53,6 +53,12 @@ def test_other_light_is_no_other_camera(tmp_path: Path, texture: float, times: f
     assert _found(tmp_path, plates, [_brightened(plate, times) for plate in plates]) == {}
 
 
+@pytest.mark.parametrize("times", [0.0, 0.1, 0.2, 1.8])
+def test_a_first_picture_that_is_black_or_clipped_proves_nothing(tmp_path: Path, times: float) -> None:
+    plates = [_scene(camera, 0.05) for camera in range(4)]
+    assert _found(tmp_path, plates, [_brightened(plates[0], times), *plates[1:]]) == {}
+
+
 @pytest.mark.parametrize("texture", [0.05, 0.3])
 @pytest.mark.parametrize("times", [0.85, 1.15])
 def test_exchanged_plates_are_named(tmp_path: Path, texture: float, times: float) -> None:

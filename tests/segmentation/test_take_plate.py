@@ -73,6 +73,22 @@ def test_a_border_behind_somebody_who_stays_is_no_outline() -> None:
     assert find_ghost(plate, np.array([pictured(n, somebody(c)) for n, c in enumerate(columns)])) is None
 
 
+@pytest.mark.parametrize("n_stays", [0, 4, 8, 10])
+def test_an_actor_before_a_rough_wall_who_stays_for_a_while_is_not_in_the_plate(n_stays: int) -> None:
+    rng = np.random.default_rng(5)
+    rough = np.kron(rng.uniform(-45, 45, (HEIGHT // 6, WIDTH // 6)), np.ones((6, 6)))[..., None] + 120
+
+    def pictured(column: int | None) -> Bytes:
+        scene = np.repeat(rough, 3, axis=2)
+        if column is not None:
+            scene[somebody(column)] = 60.0
+        return np.rint(scene + rng.normal(0, NOISE, scene.shape)).clip(0, 255).astype(np.uint8)
+
+    columns = [60] * n_stays + list(range(10, 110, 8))[: 12 - n_stays]
+    takes = [np.array([pictured(column) for column in order]) for order in (columns, columns[::-1])]
+    assert [find_ghost(np.array([pictured(None)]), take) for take in takes] == [None, None]
+
+
 @pytest.mark.parametrize("n_plates", [1, 6])
 def test_somebody_who_stands_in_the_plate(n_plates: int) -> None:
     ghost = find_ghost(

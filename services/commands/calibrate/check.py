@@ -16,6 +16,7 @@ from services.mocap.search.agreement import filled_by_others
 from services.mocap.take.folder import open_take
 from services.mocap.types import ACTOR, BACKGROUND, Floats
 from services.runs.outlines import outlines_of
+from services.runs.take_silhouettes import TakeSilhouettes
 
 _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2
@@ -35,16 +36,19 @@ def check_take(folder: Path) -> None:
         )
     found = agreement_of(cameras, outlines)
     names = [camera.name for camera in cameras]
-    certain = undone_mistake(cameras, outlines, take.settings.up)
-    if certain is not None:
-        raise TakeError(f"{folder}/{certain}")
-    if not np.isfinite(found.off_px).any():
+    is_known = np.isfinite(found.off_px).any()
+    certain = None
+    if (found.odd or not is_known) and TakeSilhouettes(take).has_stage:
+        certain = undone_mistake(cameras, outlines, take.settings.up)
+    if not is_known and certain is None:
         raise TakeError(
             f"{folder}: silhouettes: no two cameras show the whole actor: nothing can be compared"
         )
     filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
     stdout.print(_table(names, found, filled))
     warn(remarks_on(cameras))
+    if certain is not None:
+        raise TakeError(f"{folder}/{certain}")
     if not found.odd:
         return
     good = found.good

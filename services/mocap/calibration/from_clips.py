@@ -78,6 +78,7 @@ def calibrate_clips(
     """
     clips, remarks = find_clips(folder), []
     if board.has_markers:
+        show("looking at samples", 0.0)
         printed = _as_printed(board, clips)
         if printed.inverted and not board.inverted:
             remarks.append("the board is printed white on black (inverted = true)")
@@ -113,13 +114,15 @@ def _as_printed(board: Board, clips: list[Clip]) -> Board:
     """
     ways = (False, True) if board.inverted is None else (board.inverted,)
     prints = [board.model_copy(update={"inverted": way}) for way in ways]
-    of_clips = [[picture for _, picture in clip.pictures(_FIRST_SAMPLES)] for clip in clips]
-    for samples in of_clips:
+    looked_at = []
+    for clip in clips:
+        samples = [picture for _, picture in clip.pictures(_FIRST_SAMPLES)]
         for printed in prints:
             if any(Detector(printed).find(picture) for picture in samples):
                 return printed
-    for clip, samples in zip(clips, of_clips, strict=True):
-        problem = wrong_markers([upright_print(picture, board) for picture in samples], board)
+        looked_at.append((clip, [upright_print(picture, board) for picture in samples]))
+    for clip, samples in looked_at:
+        problem = wrong_markers(samples, board)
         if problem is not None:
             raise CalibrationError(f"{clip.path}: {problem}")
     return board

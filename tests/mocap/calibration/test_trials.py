@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.epipolar_tangents import Outlines, outline_of
 from services.mocap.calibration.trials import undone_mistake
@@ -103,6 +104,27 @@ def test_flipped_pictures_are_named(seen: Seen, flip: tuple[float, float], said:
     mistake = undone_mistake(cameras, [*outlines[:2], of_third, *outlines[3:]], "z")
     assert mistake is not None and mistake.is_certain
     assert f"[cam03]: its pictures are {said}" in str(mistake)
+
+
+def test_two_cameras_prove_nothing(seen: Seen) -> None:
+    cameras, outlines = seen
+    tilted = _with(0, Rotation.from_rotvec([np.deg2rad(1.0), 0.0, 0.0]).as_matrix())(cameras)
+    wrong = _calibrated_as(tilted, cameras, outlines)
+    assert undone_mistake(tilted[:2], wrong[:2], "z") is None
+    assert (
+        undone_mistake(_swapped(cameras)[:2], _calibrated_as(_swapped(cameras), cameras, outlines)[:2], "z")
+        is None
+    )
+
+
+@pytest.mark.parametrize("degrees", [0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("n", [0, 2, 4])
+def test_a_bumped_camera_is_no_mistake_of_another_kind(seen: Seen, degrees: float, n: int) -> None:
+    cameras, outlines = seen
+    bump = np.random.default_rng(n).standard_normal(3)
+    turn = Rotation.from_rotvec(np.deg2rad(degrees) * bump / np.linalg.norm(bump)).as_matrix()
+    bumped = _with(n, turn)(cameras)
+    assert undone_mistake(bumped, _calibrated_as(bumped, cameras, outlines), "z") is None
 
 
 def test_something_before_a_camera_is_no_mistake_of_the_calibration(seen: Seen) -> None:
