@@ -141,9 +141,8 @@ def _tell(
     table = table_of("camera", "pixels", "frames", "seconds", "video", "empty stage")
     for name, index in indices.items():
         size, seconds = f"{index.width_px}x{index.height_px}", np.ptp(index.times_s)
-        seconds *= index.n_frames / max(
-            index.n_frames - 1, 1
-        )  # the last frame is shown as long as the others
+        # The last frame is shown as long as the others.
+        seconds *= index.n_frames / max(index.n_frames - 1, 1)
         table.add_row(
             escape(name),
             size,

@@ -36,9 +36,8 @@ def outlines_of(
 
     def of_camera(c: int) -> list[Outline | None]:
         found: list[Outline | None] = []
-        for n, (trimap,) in enumerate(
-            islice(alone[c].trimaps(frames.start, frames.stop), 0, None, frames.step)
-        ):
+        trimaps = islice(alone[c].trimaps(frames.start, frames.stop), 0, None, frames.step)
+        for n, (trimap,) in enumerate(trimaps):
             found.append(outline_of(trimap, cameras[c]))
             if n == len(frames) // 2:
                 of_middle[c] = in_common_size(trimap, width_px, height_px)

@@ -33,7 +33,8 @@ _LEAST_SHARE = 0.002
 _SEEN_EMPTY = 0.5
 """Share of the take's pictures that show the same where something of the plate is gone."""
 _LEAVES_AFTER = (0.0, 0.25, 0.5)
-"""Shares of the take after which it differs from the plate where the actor stood in it, until he left."""
+"""Somebody who stands in the plate may stand there in the first pictures of the take as well: these shares of
+the take are left out in turn."""
 _EDGE_RATIO = 1.3
 """How much stronger the outline of a missing object is in the plate than in the take."""
 

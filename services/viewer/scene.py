@@ -77,7 +77,7 @@ class Scene3D:
         return segments
 
     def place(self, solved: SolvedFrame) -> None:
-        """Show a frame's pose; doubtful parts are red wires, which who sees no red sees as well."""
+        """Show a frame's pose; doubtful parts are red wires, which are told apart without colour, too."""
         (wxyz, root_m), pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
             self._segments[s].wxyz = wxyz[s]
