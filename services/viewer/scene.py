@@ -16,6 +16,7 @@ from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import Show, frusta_of, placed_segments
 
 DISTRUSTED_RGB = (214, 69, 69)
+_DOUBTFUL_OPACITY = 0.4
 _FRUSTUM_M = 0.2
 _FLOOR_M = 8.0
 TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
@@ -77,7 +78,7 @@ class Scene3D:
         return segments
 
     def place(self, solved: SolvedFrame) -> None:
-        """Show a frame's pose; doubtful parts are red wires, which are told apart without colour, too."""
+        """Show a frame's pose; doubtful parts are red, and transparent, so that colour is not needed."""
         (wxyz, root_m), pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
             self._segments[s].wxyz = wxyz[s]
@@ -87,7 +88,7 @@ class Scene3D:
         red = doubtful_parts(solved.distrusted)[SEGMENT_PARTS]
         for s in np.flatnonzero(red != self._red).tolist():
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
-            self._segments[s].wireframe = bool(red[s])
+            self._segments[s].opacity = _DOUBTFUL_OPACITY if red[s] else None
         self._red = red
 
     def show_picture(self, camera: int, picture_rgb: Bytes) -> None:
