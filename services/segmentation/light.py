@@ -7,6 +7,7 @@ from functools import cache
 import cv2
 import numba
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from services.mocap.types import Bytes, Floats, Ints
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
@@ -35,6 +36,19 @@ _FAR_APART, _APART = 0.06, 0.03
 a shadow."""
 _NEAR_TILES, _FAR_TILES = 1.2, 4.0
 """Deviations of the Gaussians by which tiles are smoothed."""
+_VARIED = 0.03
+"""Range of the field (5 to 95 %) from which light has moved over the stage, so that narrow bands are looked
+for."""
+_BANDS = 4
+"""Flat tiles in the height of one tile."""
+_BAND_TILES = 7
+"""A band is as wide as more than half of so many tiles, which is wider than a person."""
+_BAND_APART = 0.02
+"""A flat tile this far from the median of its row's neighbours shows a person."""
+_BAND_REACHES = (0.7, 1.0)
+"""Deviations of the Gaussian by which flat tiles are smoothed, down and across, in tiles."""
+_BAND_WEIGHT = 0.05
+"""Weight of no band at all."""
 _LEAST_TILES = 5
 _LEAST_WEIGHT = np.float32(1e-3)
 _FAR_WEIGHT = 0.02
@@ -117,15 +131,14 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
 
     With r a tile's median ratio, w its weight (0 for tiles that show somebody) and S the smoothing of what
     is weighed, f = 1 + S[w (r - 1)]. Smoothing takes the tops off; done again to what it left, it puts them
-    back: f + S[w' (r - f)].
+    back: f + S[w' (r - f)]. Where light has moved over the stage, narrow bands are added (see _with_bands).
 
     channels, mean (3, H, W): the picture and the plate; gains (3,): of the whole picture's channels.
     """
-    height, width = channels.shape[1:]
+    width = channels.shape[2]
     tile_px = max(8, round(width / _TILES_ACROSS))
-    ratios = np.ones((-(-height // tile_px), -(-width // tile_px)), np.float32)
-    weights = np.zeros_like(ratios)
-    _tile_medians(channels, mean, gains / np.float32(MEAN_STEPS), tile_px, ratios, weights)
+    levels = gains / np.float32(MEAN_STEPS)
+    ratios, weights = _tiles(channels, mean, levels, (tile_px, tile_px))
     size_px = ratios.shape[1] * tile_px, ratios.shape[0] * tile_px
     if min(ratios.shape) < _LEAST_TILES:
         return np.ones(size_px[::-1], np.float32)
@@ -133,7 +146,37 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
     field = 1 + _smoothed(ratios - 1, usual)
     left = ratios - field
     field += _smoothed(left, weights * (np.abs(left) < _APART))
+    if np.ptp(np.percentile(field, (5, 95))) > _VARIED:
+        flat_px = -(-tile_px // _BANDS)
+        field = _with_bands(field, *_tiles(channels, mean, levels, (flat_px, tile_px)))
+        size_px = field.shape[1] * tile_px, field.shape[0] * flat_px
     return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _with_bands(field: Levels, ratios: Levels, weights: Levels) -> Levels:
+    """A field at flat tiles (h, w) with the bands that tiles are too high for.
+
+    Far away on the floor, and where it meets the wall, the light changes within a few rows of the picture,
+    along a line that is wider than any person. So a row's neighbours are asked, by their median, whether a
+    flat tile shows light. field (h', w): at full tiles; ratios, weights (h, w).
+    """
+    coarse = cv2.resize(field, ratios.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    left = np.where(weights > 0, ratios / coarse - 1, 0)
+    beside = np.pad(left, ((0, 0), (_BAND_TILES // 2,) * 2), mode="symmetric")
+    usual = np.median(sliding_window_view(beside, _BAND_TILES, axis=1), axis=2)
+    is_light = weights * (np.abs(left - usual) < _BAND_APART)
+    down, across = (_smoothing(n, reach) for n, reach in zip(ratios.shape, _BAND_REACHES, strict=True))
+    bands = (down @ (left * is_light) @ across) / (down @ is_light @ across + _BAND_WEIGHT)
+    return np.asarray(coarse * (1 + bands), np.float32)
+
+
+def _tiles(channels: Bytes, mean: Steps, levels: Levels, tile_px: tuple[int, int]) -> tuple[Levels, Levels]:
+    """Tiles' (h, w) median ratios of the brightness to the plate's, and weights; tile_px: rows, columns."""
+    height, width = channels.shape[1:]
+    ratios = np.ones((-(-height // tile_px[0]), -(-width // tile_px[1])), np.float32)
+    weights = np.zeros_like(ratios)
+    _tile_medians(channels, mean, levels, tile_px, ratios, weights)
+    return ratios, weights
 
 
 def _smoothed(tiles: Levels, weights: Levels) -> Levels:
@@ -159,20 +202,21 @@ def _smoothing(n: int, reach: float) -> Levels:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _tile_medians(
-    channels: Bytes, mean: Steps, levels: Levels, tile_px: int, ratios: Levels, weights: Levels
+    channels: Bytes, mean: Steps, levels: Levels, tile_px: tuple[int, int], ratios: Levels, weights: Levels
 ) -> None:
     """Write to ratios (h, w) the median of the brightness over the plate's, and to weights the share of valid
     pixels."""
     height, width = channels.shape[1:]
     counts = np.zeros(_BINS, np.int32)
-    rows_apart, columns_apart = max(tile_px // _SAMPLED_ROWS, 1), max(tile_px // _SAMPLED_COLUMNS, 1)
+    tile_rows, tile_columns = tile_px
+    rows_apart, columns_apart = max(tile_rows // _SAMPLED_ROWS, 1), max(tile_columns // _SAMPLED_COLUMNS, 1)
     scale = _BINS / (_MOST_RATIO - _LEAST_RATIO)
     for row in range(ratios.shape[0]):
         for column in range(ratios.shape[1]):
             counts[:] = 0
             n = seen = 0
-            for y in range(row * tile_px, min((row + 1) * tile_px, height), rows_apart):
-                for x in range(column * tile_px, min((column + 1) * tile_px, width), columns_apart):
+            for y in range(row * tile_rows, min((row + 1) * tile_rows, height), rows_apart):
+                for x in range(column * tile_columns, min((column + 1) * tile_columns, width), columns_apart):
                     seen += 1
                     plate = levels[0] * mean[0, y, x] + levels[1] * mean[1, y, x] + levels[2] * mean[2, y, x]
                     if plate < _DARKEST:

@@ -87,6 +87,29 @@ def test_there_is_light_on_somebody_far_darker_than_the_stage(colour: tuple[int,
     np.testing.assert_allclose(field(picture, stage()), light, atol=0.05)
 
 
+def far_floor() -> Floats:
+    """(H, W) light that drifts over a floor seen at a grazing angle: it changes within a few rows."""
+    return np.asarray(1 + 0.06 * (COLUMNS - 0.5) + 0.09 * np.exp(-(((ROWS - 0.6) * HEIGHT / 6) ** 2)))
+
+
+def test_a_narrow_band_of_light_on_the_far_floor_is_found() -> None:
+    light = far_floor()
+    rng = np.random.default_rng(1)
+    found = field(stage() * light[..., None] + rng.normal(0, 2, (HEIGHT, WIDTH, 1)), stage())
+    assert np.abs(found - light)[:, 16:-16].max() < 0.03
+    assert np.abs(found - light).mean() < 0.006
+
+
+@pytest.mark.parametrize("cloth", [0.9, 0.95, 1.06, 1.12])
+def test_legs_hardly_brighter_or_darker_than_the_stage_are_no_band(cloth: float) -> None:
+    light = far_floor()
+    picture = stage() * light[..., None]
+    legs = np.zeros((HEIGHT, WIDTH), np.bool_)
+    legs[90:210, 144:160] = legs[90:210, 176:192] = True
+    picture[legs] *= cloth
+    np.testing.assert_allclose(field(picture, stage())[legs], light[legs], atol=0.03)
+
+
 def test_a_cast_shadow_is_not_light() -> None:
     picture = stage()
     picture[180:205, 60:230] *= 0.6
