@@ -1,6 +1,6 @@
 """The checks of a take before it is fitted or tracked, which take seconds: their option, what they print."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
@@ -18,6 +18,7 @@ from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.segmenter_name import kind_of
+from services.mocap.types import Mask
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
@@ -64,27 +65,8 @@ def check_files(silhouettes: TakeSilhouettes) -> None:
         raise _refused(take, Mistake(f"{BACKGROUND}/", f"clean plates: {shown}", remedy))
 
 
-def look_before(silhouettes: TakeSilhouettes, frames: range) -> tuple[Cause, ...]:
-    """Check a take, as far as its first frames tell, and print what is wrong.
-
-    Raises TakeError where it is certain that the take cannot be tracked.
-    """
-    with progress_bar() as show:
-        found = tuple(
-            Cause(
-                what=f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what,
-                remedy=mistake.remedy,
-                level="usable with gaps" if mistake.is_out_of_step else "good",
-            )
-            for mistake in _mistakes(silhouettes, frames, lambda share: show("checking the take", share))
-        )
-        show("take checked", 1.0)
-    warn(map(str, found))
-    return found
-
-
 @dataclass(frozen=True, eq=False)
-class _Comparison:
+class Comparison:
     """What comparing the cameras, each of them segmented alone, has shown in some first frames."""
 
     frames: range
@@ -96,25 +78,77 @@ class _Comparison:
     """Of the segmentation."""
 
 
-def _compare(silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]) -> _Comparison:
-    """Compare the cameras; raises TakeError where it is certain that the take cannot be tracked."""
-    take, n_frames = silhouettes.take, _MOST_FRAMES
+def compare_cameras(silhouettes: TakeSilhouettes, frames: range) -> Comparison | None:
+    """Compare a take's cameras before anything is learnt of all of them together, which takes longer.
+
+    None if there is nothing to compare. Raises TakeError where it is certain that the take cannot be tracked.
+    """
+    if len(silhouettes.take.cameras) < 2 or not silhouettes.has_stage:
+        return None
+    with progress_bar() as show:
+        found = _compared(
+            silhouettes, _first_of(silhouettes, frames), lambda share: show("comparing the cameras", share)
+        )
+        show("cameras compared", 1.0)
+    return found
+
+
+def look_before(silhouettes: TakeSilhouettes, frames: range, before: Comparison | None) -> tuple[Cause, ...]:
+    """Check a take, as far as its first frames tell, and print what is wrong; before: see compare_cameras.
+
+    Raises TakeError where it is certain that the take cannot be tracked.
+    """
+    with progress_bar() as show:
+        found = tuple(
+            Cause(
+                what=f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what,
+                remedy=mistake.remedy,
+                level="usable with gaps" if mistake.is_out_of_step else "good",
+            )
+            for mistake in _mistakes(
+                silhouettes, frames, before, lambda share: show("checking the take", share)
+            )
+        )
+        show("take checked", 1.0)
+    warn(map(str, found))
+    return found
+
+
+def _first_of(silhouettes: TakeSilhouettes, frames: range) -> range:
+    """Those of the frames in which the cameras are compared."""
+    n_frames = _MOST_FRAMES
     if not silhouettes.are_ready:
-        each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
+        each_px = sum(camera.width_px * camera.height_px for camera in silhouettes.take.calibrated)
         n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
-    first = range(frames.start, min(frames.stop, frames.start + n_frames))
+    return range(frames.start, min(frames.stop, frames.start + n_frames))
+
+
+def _compared(
+    silhouettes: TakeSilhouettes,
+    frames: range,
+    progress: Callable[[float], None],
+    moved: Mapping[str, Mask] | None = None,
+) -> Comparison:
+    """Compare the cameras; raises TakeError where it is certain that the take cannot be tracked.
+
+    moved: see outlines_of.
+    """
+    take = silhouettes.take
     with kept_warnings() as warnings:
-        moved = silhouettes.segmenter.moved()
-        cameras, outlines, _ = outlines_of(take, first, progress, silhouettes.name, moved)
-    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, first)
+        cameras, outlines, _ = outlines_of(take, frames, progress, silhouettes.name, moved)
+    warnings.sort()  # the cameras are segmented side by side
+    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
     for mistake in found:
         if mistake.is_certain:
             raise _refused(take, mistake, [*silhouettes.said, *warnings])
-    return _Comparison(first, cameras, outlines, found, warnings)
+    return Comparison(frames, cameras, outlines, found, warnings)
 
 
 def _mistakes(
-    silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]
+    silhouettes: TakeSilhouettes,
+    frames: range,
+    before: Comparison | None,
+    progress: Callable[[float], None],
 ) -> Iterator[Mistake]:
     take = silhouettes.take
     if not silhouettes.has_stage:
@@ -128,7 +162,9 @@ def _mistakes(
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:
         return
-    compared = _compare(silhouettes, frames, progress)
+    compared, first, moved = before, _first_of(silhouettes, frames), silhouettes.segmenter.moved()
+    if compared is None or compared.frames != first or moved:
+        compared = _compared(silhouettes, first, progress, moved)
     yield from map(_mistake_of, compared.warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in compared.mistakes if silhouettes.are_ready or m.is_out_of_step or m.is_change)
@@ -152,10 +188,7 @@ def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> Take
 
 
 def in_view(silhouettes: TakeSilhouettes, frames: range) -> range:
-    """These frames from the first one on that shows the whole actor; a warning says if it is a later one.
-
-    Raises TakeError where it is certain that the take cannot be tracked, and none will be found.
-    """
+    """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
     with progress_bar() as show:
         found = _frames_in_view(silhouettes, frames, lambda share: show("looking for the actor", share))
         show("actor in view", 1.0)
@@ -190,8 +223,6 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
             n_further -= most > 0
             if most == len(take.cameras) or n_further == 0:
                 break
-        if most == 0:
-            _compare(silhouettes, frames, lambda _: None)  # perhaps the calibration is why nobody is seen
     return range(best, frames.stop)
 
 

@@ -9,7 +9,15 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.markup import escape
 
-from services.commands.checks import CheckOption, blamed_first, check_files, in_view, look_before, not_told
+from services.commands.checks import (
+    CheckOption,
+    blamed_first,
+    check_files,
+    compare_cameras,
+    in_view,
+    look_before,
+    not_told,
+)
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import TakeError, UserError
@@ -88,10 +96,11 @@ def fit(
     first, checks = init_frames(opened, frames), tuple[Cause, ...]()
     if check:
         check_files(silhouettes)
+        compared = compare_cameras(silhouettes, first)
         if refine is None:
             from_there = in_view(silhouettes, range(opened.settings.frames))
             first = init_frames(opened, frames, from_there.start)
-        checks = look_before(silhouettes, first)
+        checks = look_before(silhouettes, first, compared)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
         work = partial(refine_take, silhouettes, refine, count, body=search.body)

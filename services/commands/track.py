@@ -12,7 +12,7 @@ from rich.table import Table
 
 from proto.streams import stream_endpoint
 from services import options
-from services.commands.checks import CheckOption, check_files, in_view, look_before
+from services.commands.checks import CheckOption, check_files, compare_cameras, in_view, look_before
 from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_given
@@ -115,8 +115,9 @@ def track(
         silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
         if check:
             check_files(silhouettes)
+            compared = compare_cameras(silhouettes, job.frames)
             job = replace(job, frames=in_view(silhouettes, job.frames))
-            job = replace(job, checks=look_before(silhouettes, job.frames))
+            job = replace(job, checks=look_before(silhouettes, job.frames, compared))
         actor = take_actor(opened) if fitted is None else None
         fits = mesh is not None or (fitted is None and fit_first and actor is None)
         is_rough = False

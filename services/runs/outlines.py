@@ -32,11 +32,11 @@ def outlines_of(
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
     of_middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
-    alone = [make_segmenter(take, [camera], segmenter).knowing(moved or {}) for camera in take.cameras]
 
     def of_camera(c: int) -> list[Outline | None]:
         found: list[Outline | None] = []
-        trimaps = islice(alone[c].trimaps(frames.start, frames.stop), 0, None, frames.step)
+        alone = make_segmenter(take, [take.cameras[c]], segmenter).knowing(moved or {})
+        trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
         for n, (trimap,) in enumerate(trimaps):
             found.append(outline_of(trimap, cameras[c]))
             if n == len(frames) // 2:
