@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Never
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.layout import background_video_path, video_path
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes, Mask
+from services.runs.take_silhouettes import TakeSilhouettes
 
 FRAMES, CAMERAS = 40, 5
 NOT_FITTED = "nobody can be fitted"
@@ -288,10 +290,15 @@ def test_a_displaced_plate_is_a_remark(videos: Path, remarks: Callable[[Path], l
     [(_invert, "the way from the camera to the world"), (lambda take: _as_opengl(take, 3), "OpenGL's axes")],
     ids=["inverted", "OpenGL"],
 )
-def test_a_calibration_whose_cameras_look_at_no_common_place_is_refused(
-    videos: Path, checked: Checked, damage: Damage, said: str
+def test_a_calibration_whose_cameras_look_at_no_common_place_is_refused_before_anything_is_learnt(
+    videos: Path, checked: Checked, damage: Damage, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     damage(videos)
+
+    def learn(_: object) -> Never:
+        raise AssertionError("learnt of all cameras together, which takes longer than comparing them")
+
+    monkeypatch.setattr(TakeSilhouettes, "segmenter", property(learn))
     sentence = checked("track", videos).stderr.splitlines()[-1]
     assert sentence.startswith(f"{videos}/calibration.toml: rotation, translation: the cameras agree only if")
     assert said in sentence
