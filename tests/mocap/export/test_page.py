@@ -21,6 +21,7 @@ from services.mocap.export.page.html_report import key_frames, write_report
 from services.mocap.result.frame_files import read_frame_file, write_frame_file, write_frame_files
 from services.mocap.result.result import load_result
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
+from services.mocap.take.fit_record import FitRecord, write_record
 from services.mocap.take.marks import PARTS
 from services.mocap.take.writer import video_writer
 
@@ -180,6 +181,16 @@ def test_the_picture_of_the_fit_is_shown(folder: Path) -> None:
     (folder / "fit").mkdir()
     cv2.imwrite(str(folder / "fit" / "overlay.png"), np.full((48, 64, 3), 90, np.uint8))
     assert 'alt="the fitted body"' in page_of(folder)
+
+
+def test_what_the_fit_warned_of_is_told(folder: Path) -> None:
+    record = FitRecord(
+        actor="0" * 64, first_frame=0, end_frame=1, hints={}, energy_before_px=[0.0], energy_after_px=[0.0],
+        iou_before={}, iou_after={}, seconds={}, warnings=["something hides the actor from <cam02>"],
+    )  # fmt: skip
+    assert "The fitted body" not in page_of(folder)
+    write_record(folder / "fit", record)
+    assert "<p>something hides the actor from &lt;cam02&gt;</p>" in page_of(folder)
 
 
 def test_every_curve_has_the_red_bands(folder: Path) -> None:

@@ -16,7 +16,7 @@ from services.mocap.export.page.charts import svg_of
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS, accuracy_in_words, rate_in_words
-from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
 from services.mocap.take.pictures import read_picture
 from services.mocap.take.video import VideoReader
@@ -84,6 +84,7 @@ def write_report(path: Path, result: Result) -> None:
         summary=_summary(result),
         pictures=key_frames(overlay, result.frames.tolist(), result.energies_px, doubts),
         fit_picture=_fit_picture(result.folder),
+        fit_warnings=_fit_warnings(result.folder),
         sections=list(_sections(result)),
         joint_errors=[
             (joint.replace("_", " "), f"{error:.1f} mm")
@@ -101,6 +102,15 @@ def _fit_picture(folder: Path) -> str:
         return _jpeg(read_picture(path)) if path.exists() else ""
     except TakeError:
         return ""
+
+
+def _fit_warnings(folder: Path) -> list[str]:
+    """What the fit of the body warned of, such as furniture before it; empty if that is not known."""
+    try:
+        record = read_record(folder / FIT_FOLDER)
+    except TakeError:
+        return []
+    return record.warnings if record is not None else []
 
 
 def _summary(result: Result) -> Rows:
