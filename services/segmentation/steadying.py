@@ -20,7 +20,7 @@ _LEAST_SLOPE = 1.5
 _SMOOTHING_PX = 1.0
 _MOST_PX, _LEAST_PX = 6, 0.15
 """Shifts beyond are not looked for; smaller ones do no harm."""
-_ROUNDS = 6
+_ROUNDS, _SETTLED_PX = 6, 0.01
 _FAR_LEVELS = 4.0
 """Anchors that are farther off count little: somebody stands before them."""
 _BETTER = 0.9
@@ -70,7 +70,9 @@ class Anchors:
             found, weights = _solved(self.terms, seen, weights)
             if found[0] <= 0:  # a black picture, for example
                 return 0.0, 0.0
-            shift = ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
+            before, shift = shift, ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
+            if np.hypot(*(shift - before)) < _SETTLED_PX:
+                break
         if np.hypot(*shift) < _LEAST_PX:
             return 0.0, 0.0
         _, still_weights = _solved(self.terms[:, :1], still, weights)
