@@ -13,7 +13,7 @@ from services.mocap.calibration.mistake import Mistake
 from services.mocap.calibration.mistakes import mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import NotInViewError, TakeError
+from services.mocap.errors import TakeError
 from services.mocap.fit.contours import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
@@ -22,10 +22,9 @@ from services.mocap.types import Mask
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
-from services.runs.take_silhouettes import TakeSilhouettes, seen_of, trimaps_of
+from services.runs.take_silhouettes import TakeSilhouettes, trimaps_of
 from services.segmentation.foreign_plates import foreign_plates
 from services.segmentation.segmenters import chosen_segmenter
-from services.segmentation.silhouettes import Segmenter
 
 CheckOption: TypeAlias = Annotated[
     bool,
@@ -40,15 +39,6 @@ _MOST_FRAMES, _FEWEST_FRAMES = 60, 12
 _MOST_PX = 40 * 4 * 640 * 480
 """Pixels of videos that are segmented, in all cameras and frames together."""
 _FRAMES_FOR_FEET = 5
-_EVERY, _MOST_LOOKS = 10, 60
-"""For the actor every tenth frame is looked at, but at most 60 frames of a take, because each look opens all
-videos."""
-_FURTHER_LOOKS = 6
-"""After a frame that shows the actor, so many more are looked at for one that every camera sees."""
-_NOT_IN_VIEW = (
-    "silhouettes: frame {first} does not show the whole actor: the work begins at frame {start}{hints}"
-)
-_NO_HINTS = "; facing and initial_pose in take.toml describe frame 0 and are not used"
 
 
 def check_files(silhouettes: TakeSilhouettes) -> None:
@@ -185,59 +175,6 @@ def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> Take
     """warnings: of the silhouettes that show the mistake; the first one is named before it."""
     spoilt = f"{warnings[0]}; with these silhouettes, " if warnings else ""
     return TakeError(f"{spoilt}{take.folder}/{mistake} (--no-check goes on nevertheless)")
-
-
-def in_view(silhouettes: TakeSilhouettes, frames: range) -> range:
-    """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
-    with progress_bar() as show:
-        found = _frames_in_view(silhouettes, frames, lambda share: show("looking for the actor", share))
-        show("actor in view", 1.0)
-    if found.start > frames.start:
-        told = silhouettes.take.settings
-        hints = _NO_HINTS if told.facing is not None or told.initial_pose else ""
-        warn([_NOT_IN_VIEW.format(first=frames.start, start=found.start, hints=hints)])
-    return found
-
-
-def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]) -> range:
-    """These frames of a take, from the first one on in which the whole actor is in view.
-
-    They are returned as they are if the first frame shows the actor or has another fault, which the search
-    for the first pose reports; if no frame shows the actor; and if the background is estimated from the
-    videos. Of the first frames that show the actor, one that all cameras see is preferred.
-    """
-    take = silhouettes.take
-    if len(take.cameras) < 2 or not silhouettes.has_stage:
-        return frames
-    made = silhouettes.segmenter
-    with kept_warnings():  # what comes after this says them again
-        if _cameras_that_see(take, frames.start, made, of_other_faults=1):
-            return frames
-        looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]
-        best, most, n_further = frames.start, 0, _FURTHER_LOOKS
-        for frame in looks:
-            progress((frame - frames.start) / len(frames))
-            n_cameras = _cameras_that_see(take, frame, made)
-            if n_cameras > most:
-                best, most = frame, n_cameras
-            n_further -= most > 0
-            if most == len(take.cameras) or n_further == 0:
-                break
-    return range(best, frames.stop)
-
-
-def _cameras_that_see(take: Take, frame: int, made: Segmenter, of_other_faults: int = 0) -> int:
-    """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few.
-
-    of_other_faults: returned for a frame that cannot be used for another reason.
-    """
-    try:
-        cameras, _ = seen_of(take, range(frame, frame + 1), made, lambda _: None)
-    except NotInViewError:
-        return 0
-    except TakeError:
-        return of_other_faults
-    return len(cameras)
 
 
 @contextmanager

@@ -9,12 +9,12 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.markup import escape
 
+from services.commands.actor_in_view import in_view
 from services.commands.checks import (
     CheckOption,
     blamed_first,
     check_files,
     compare_cameras,
-    in_view,
     look_before,
     not_told,
 )

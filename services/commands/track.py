@@ -12,7 +12,8 @@ from rich.table import Table
 
 from proto.streams import stream_endpoint
 from services import options
-from services.commands.checks import CheckOption, check_files, compare_cameras, in_view, look_before
+from services.commands.actor_in_view import in_view
+from services.commands.checks import CheckOption, check_files, compare_cameras, look_before
 from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_given

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from exact_take import write_exact_take
 from services import cli
-from services.commands.checks import in_view
+from services.commands.actor_in_view import in_view
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take, open_take
