@@ -148,26 +148,34 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
     field += _smoothed(left, weights * (np.abs(left) < _APART))
     if np.ptp(np.percentile(field, (5, 95))) > _VARIED:
         flat_px = -(-tile_px // _BANDS)
-        field = _with_bands(field, *_tiles(channels, mean, levels, (flat_px, tile_px)))
+        ratios, weights = _tiles(channels, mean, levels, (flat_px, tile_px))
+        at = ((np.arange(len(ratios)) + 0.5) * flat_px / tile_px - 0.5).clip(0, len(field) - 1)
+        field = _with_bands(_between_rows(field, at), ratios, weights)
         size_px = field.shape[1] * tile_px, field.shape[0] * flat_px
     return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
+def _between_rows(field: Levels, at: Floats) -> Levels:
+    """Rows (n, w) of a field (h, w) between its own, which are at 0 to h - 1."""
+    above = np.minimum(at.astype(int), len(field) - 2)
+    share = (at - above)[:, None]
+    return np.asarray((1 - share) * field[above] + share * field[above + 1], np.float32)
+
+
 def _with_bands(field: Levels, ratios: Levels, weights: Levels) -> Levels:
-    """A field at flat tiles (h, w) with the bands that tiles are too high for.
+    """A field at flat tiles (h, w) with the bands that full tiles are too high for.
 
     Far away on the floor, and where it meets the wall, the light changes within a few rows of the picture,
     along a line that is wider than any person. So a row's neighbours are asked, by their median, whether a
-    flat tile shows light. field (h', w): at full tiles; ratios, weights (h, w).
+    flat tile shows light. field, ratios, weights (h, w).
     """
-    coarse = cv2.resize(field, ratios.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    left = np.where(weights > 0, ratios / coarse - 1, 0)
+    left = np.where(weights > 0, ratios / field - 1, 0)
     beside = np.pad(left, ((0, 0), (_BAND_TILES // 2,) * 2), mode="symmetric")
     usual = np.median(sliding_window_view(beside, _BAND_TILES, axis=1), axis=2)
     is_light = weights * (np.abs(left - usual) < _BAND_APART)
     down, across = (_smoothing(n, reach) for n, reach in zip(ratios.shape, _BAND_REACHES, strict=True))
     bands = (down @ (left * is_light) @ across) / (down @ is_light @ across + _BAND_WEIGHT)
-    return np.asarray(coarse * (1 + bands), np.float32)
+    return np.asarray(field * (1 + bands), np.float32)
 
 
 def _tiles(channels: Bytes, mean: Steps, levels: Levels, tile_px: tuple[int, int]) -> tuple[Levels, Levels]:
