@@ -1,7 +1,7 @@
 """The fit of a take, with the fitting itself replaced, which takes seconds."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import quality_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Mask
 from services.runs.fit import fit_take
 from services.runs.take_fit import TakeFit
 from services.runs.take_silhouettes import TakeSilhouettes
@@ -64,9 +64,12 @@ def fit_by(
     frames: range,
     search: SearchSettings = QUICK,
     show: Callable[[str, float], None] = lambda *_: None,
+    blind: Mapping[str, Mask] | None = None,
     **others: bool,
 ) -> TakeFit:
-    """As fit_take, with this in place of the fit."""
+    """As fit_take, with this in place of the fit; blind: see Segmenter.blind."""
+    silhouettes = TakeSilhouettes(take)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("services.runs.fit_frames.fit_actor", fitter)
-        return fit_take(TakeSilhouettes(take), frames, CPU, search, show, **others)
+        patch.setattr(silhouettes.segmenter, "blind", lambda: blind or {})
+        return fit_take(silhouettes, frames, CPU, search, show, **others)

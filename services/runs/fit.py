@@ -72,7 +72,9 @@ def fit_take(
 
     def fit_to(some: range, show: Show) -> TakeFit:
         return fit_past_furniture(
-            partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some), show
+            partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some),
+            silhouettes.segmenter.blind,
+            show,
         )
 
     first = found = fit_to(frames, show)

@@ -4,6 +4,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,38 +27,68 @@ _ROUNDS = 2
 """Fits past furniture: the first one only knows where some may be."""
 _CLEARLY_LESS = 0.75
 """A body that goes on behind furniture leaves at most this share of what another leaves unexplained."""
+_GOOD_IOU = 0.88
+"""Of a fit that nothing need be hidden for; in coats 0.85 is usual."""
 
 
-def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask], Show], TakeFit], show: Show) -> TakeFit:
+FitTo: TypeAlias = Callable[[Mapping[str, Mask], Show], TakeFit]
+"""Fits without further pixels (h, w), by camera, in which something may hide the actor."""
+
+
+def fit_past_furniture(fit_to: FitTo, blind: Callable[[], Mapping[str, Mask]], show: Show) -> TakeFit:
     """A fit to silhouettes, or a better one in which something hides the actor from some cameras.
 
-    fit_to takes by camera further pixels (h, w) that count for nothing: after none, those in which something
-    may hide what the first fit leaves unexplained, then those in which it hides the body so found. The later
-    fits count if they explain clearly more than the first, and not less than each other.
+    The first fit is without further pixels, the next without those in which something may hide what the
+    first one leaves unexplained. If that is no better, and the first fit is poor, another one without
+    the pixels of Segmenter.blind shows where its body is hidden.
     """
-
-    def show_again(stage: str, share: float) -> None:
-        show(f"{stage}, past furniture", share)
-
-    found = best = fit_to({}, show)
+    found = fit_to({}, show)
+    fits = _FitsPastFurniture(found, fit_to, show)
     with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
         hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))
-    seconds = Counter(found.seconds)
-    for _ in range(_ROUNDS):
+    best = fits.best(hidden)
+    if best is found and found.iou < _GOOD_IOU:
+        rough = fits.without(blind())
+        if rough is not None:
+            best = fits.best(_occluded(rough.fit, found))
+    return replace(best, seconds=dict(fits.seconds))
+
+
+class _FitsPastFurniture:
+    """Fits that are compared with a first one, to which nothing was hidden."""
+
+    def __init__(self, found: TakeFit, fit_to: FitTo, show: Show) -> None:
+        self._found, self._fit_to, self._show = found, fit_to, show
+        self.seconds = Counter(found.seconds)
+        """Wall time of each stage of all fits together."""
+
+    def without(self, hidden: Mapping[str, Mask]) -> TakeFit | None:
+        """A fit of the same cameras without hidden pixels; None if there is none."""
         if not hidden:
-            break
+            return None
         try:
-            again = fit_to(hidden, show_again)
+            again = self._fit_to(hidden, lambda stage, share: self._show(f"{stage}, past furniture", share))
         except TakeError as error:
             log.info("without what furniture may hide: %s", error)
-            break
-        seconds.update(again.seconds)
-        is_comparable = again.cameras == found.cameras and _unexplained_px(again) <= _unexplained_px(best)
-        if not (is_comparable and _explains_more(again, found)):
-            break
-        hidden = _occluded(again.fit, found)
-        best = replace(again, occluded=hidden)
-    return replace(best, seconds=dict(seconds))
+            return None
+        self.seconds.update(again.seconds)
+        return again if again.cameras == self._found.cameras else None
+
+    def best(self, hidden: Mapping[str, Mask]) -> TakeFit:
+        """The first fit, or one without hidden pixels, and then without those that hide its body.
+
+        These count if they explain clearly more than the first, and not less than each other.
+        """
+        best = self._found
+        for _ in range(_ROUNDS):
+            again = self.without(hidden)
+            if again is None or _unexplained_px(again) > _unexplained_px(best):
+                break
+            if not _explains_more(again, self._found):
+                break
+            hidden = _occluded(again.fit, self._found)
+            best = replace(again, occluded=hidden)
+        return best
 
 
 def _occluded(fit: Fit, found: TakeFit) -> dict[str, Mask]:

@@ -104,6 +104,11 @@ class JointMatte:
         """Per camera (H, W): where an object was added or removed since the plate was recorded."""
         return [learnt.moved for learnt in self._learnt]
 
+    @property
+    def blind(self) -> list[Mask]:
+        """Per camera (H, W): where something seems to hide what nearly all other cameras see."""
+        return [learnt.blind for learnt in self._learnt]
+
     def shifts_px(self, images_bgr: Mapping[int, Bytes]) -> list[float]:
         """By how much pictures of all cameras are off their plates; they are moved back before any work."""
         plates = (compared.plate for compared in self._compared)

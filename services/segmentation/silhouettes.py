@@ -48,6 +48,12 @@ class GroupMatte(Protocol):
         for some."""
         ...
 
+    @property
+    def blind(self) -> list[Mask]:
+        """Per camera (H, W): where something seems to hide the actor, whom nearly all others see along these
+        rays, if this looks for that."""
+        ...
+
 
 class SeparateMattes:
     """A matte for each camera, none of which knows of the others; blobs that only one camera sees go."""
@@ -57,6 +63,7 @@ class SeparateMattes:
         has_enough = len(cameras) > _LEAST_OTHERS
         self._voxels = VoxelGrid.of(cameras, Lenses.of(cameras), 0.0) if has_enough else None
         self.moved: list[Mask] = [np.zeros(camera.shape_px, np.bool_) for camera in cameras]
+        self.blind = self.moved
 
     def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """See GroupMatte.trimaps: without blobs that no other camera supports.
@@ -155,10 +162,11 @@ class Segmenter:
         occluded: Mapping[str, Mask] | None = None,
         colour_tables: Mapping[str, Bytes] | None = None,
         moved: Callable[[], Mapping[str, Mask]] = dict,
+        blind: Callable[[], Mapping[str, Mask]] = dict,
     ) -> None:
         """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the actor.
-        colour_tables: by camera what the colour classes look like there (colour_classes). moved: see
-        `moved`."""
+        colour_tables: by camera what the colour classes look like there (colour_classes). moved, blind: see
+        there."""
         self.raw_moments = raw_moments
         """Of frames from start up to and without stop, with lens distortion and without colour classes."""
         self._cameras = cameras
@@ -166,6 +174,9 @@ class Segmenter:
         self.moved = moved
         """Returns by camera the pixels (h, w), without lens distortion, where an object was added or removed
         since the clean plates were recorded."""
+        self.blind = blind
+        """Returns by camera the pixels (h, w), without lens distortion, where something seems to hide the
+        actor; where cameras are few, often nothing does."""
 
     @classmethod
     def of_videos(
@@ -195,11 +206,16 @@ class Segmenter:
                         kept.keep(frame, trimaps)
                 yield Moment(trimaps, images)
 
-        def moved() -> dict[str, Mask]:
-            masks = {c.name: Undistorter(c).mask(m) for c, m in zip(cameras, matte().moved, strict=True)}
-            return {name: mask for name, mask in masks.items() if mask.any()}
+        def by_name(masks: list[Mask]) -> dict[str, Mask]:
+            undistorted = {c.name: Undistorter(c).mask(m) for c, m in zip(cameras, masks, strict=True)}
+            return {name: mask for name, mask in undistorted.items() if mask.any()}
 
-        return cls(cameras, raw_moments, moved=moved)
+        return cls(
+            cameras,
+            raw_moments,
+            moved=lambda: by_name(matte().moved),
+            blind=lambda: by_name(matte().blind),
+        )
 
     @classmethod
     def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
@@ -217,7 +233,7 @@ class Segmenter:
     ) -> "Segmenter":
         """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure, and with
         colour classes."""
-        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables, self.moved)
+        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables, self.moved, self.blind)
 
     def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
