@@ -3,6 +3,7 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -40,9 +41,18 @@ def fit_past_furniture(fit_to: FitTo, blind: Callable[[], Mapping[str, Mask]], s
 
     The first fit is without further pixels, the next without those in which something may hide what the
     first one leaves unexplained. If that is no better, and the first fit is poor, another one without
-    the pixels of Segmenter.blind shows where its body is hidden.
+    the pixels of Segmenter.blind shows where its body is hidden. Where nobody can be fitted because of what
+    hides the actor, these pixels are left out. Raises TakeError as fit_to does.
     """
-    found = fit_to({}, show)
+    try:
+        found = fit_to({}, show)
+    except TakeError:
+        hidden = blind()
+        if not hidden:
+            raise
+        with suppress(TakeError):
+            return replace(fit_to(hidden, show), occluded=hidden)
+        raise
     fits = _FitsPastFurniture(found, fit_to, show)
     with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
         hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))
