@@ -3,7 +3,6 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -40,19 +39,12 @@ def fit_past_furniture(fit_to: FitTo, blind: Callable[[], Mapping[str, Mask]], s
     """A fit to silhouettes, or a better one in which something hides the actor from some cameras.
 
     The first fit is without further pixels, the next without those in which something may hide what the
-    first one leaves unexplained. If that is no better, and the first fit is poor, another one without
-    the pixels of Segmenter.blind shows where its body is hidden. Where nobody can be fitted because of what
-    hides the actor, these pixels are left out. Raises TakeError as fit_to does.
+    first one leaves unexplained. If that is no better, and the first fit is poor, another body is fitted
+    without the pixels of Segmenter.blind. It counts for nothing itself, but tells where something hides it,
+    which a further fit leaves out. Raises TakeError as fit_to does: where nobody can be fitted at all, a
+    wrong calibration is likelier than furniture, and makes cameras seem blind as well.
     """
-    try:
-        found = fit_to({}, show)
-    except TakeError:
-        hidden = blind()
-        if not hidden:
-            raise
-        with suppress(TakeError):
-            return replace(fit_to(hidden, show), occluded=hidden)
-        raise
+    found = fit_to({}, show)
     fits = _FitsPastFurniture(found, fit_to, show)
     with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
         hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))

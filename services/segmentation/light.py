@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _GAUGE_PIXELS = 1500
@@ -37,16 +37,18 @@ a shadow."""
 _NEAR_TILES, _FAR_TILES = 1.2, 4.0
 """Deviations of the Gaussians by which tiles are smoothed."""
 _VARIED = 0.03
-"""Range of the field (5 to 95 %) from which light has moved over the stage, so that narrow bands are looked
-for."""
+"""Range of the field (5 to 95 %) from which light has probably moved over the stage, so that narrow bands are
+looked for."""
 _BANDS = 4
 """Flat tiles in the height of one tile."""
 _BAND_TILES = 7
-"""A band is as wide as more than half of so many tiles, which is wider than a person."""
+"""A band is wider than half of so many tiles, and than somebody who stands."""
 _BAND_APART = 0.02
 """A flat tile this far from the median of its row's neighbours shows a person."""
+_HARDLY_LIGHT, _FADES = 0.015, 0.045
+"""Light that a flat tile may have beside a band, and at the end of a band that fades."""
 _BAND_REACHES = (0.7, 1.0)
-"""Deviations of the Gaussian by which flat tiles are smoothed, down and across, in tiles."""
+"""Deviations of the Gaussian by which flat tiles are smoothed, in their heights and widths."""
 _BAND_WEIGHT = 0.05
 """Weight of no band at all."""
 _LEAST_TILES = 5
@@ -166,16 +168,37 @@ def _with_bands(field: Levels, ratios: Levels, weights: Levels) -> Levels:
     """A field at flat tiles (h, w) with the bands that full tiles are too high for.
 
     Far away on the floor, and where it meets the wall, the light changes within a few rows of the picture,
-    along a line that is wider than any person. So a row's neighbours are asked, by their median, whether a
-    flat tile shows light. field, ratios, weights (h, w).
+    along a line that is wider than most people. So a row's neighbours are asked, by their median, whether a
+    flat tile shows light; arms and people who lie end abruptly. field, ratios, weights (h, w).
     """
     left = np.where(weights > 0, ratios / field - 1, 0)
     beside = np.pad(left, ((0, 0), (_BAND_TILES // 2,) * 2), mode="symmetric")
     usual = np.median(sliding_window_view(beside, _BAND_TILES, axis=1), axis=2)
-    is_light = weights * (np.abs(left - usual) < _BAND_APART)
+    is_light = weights * (np.abs(left - usual) < _BAND_APART) * _fading(left)
     down, across = (_smoothing(n, reach) for n, reach in zip(ratios.shape, _BAND_REACHES, strict=True))
     bands = (down @ (left * is_light) @ across) / (down @ is_light @ across + _BAND_WEIGHT)
     return np.asarray(field * (1 + bands), np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fading(left: Levels) -> Mask:
+    """Which flat tiles (h, w) of some light left may be light: in their row it fades at one end, or goes on
+    beyond the picture."""
+    height, width = left.shape
+    may_be = np.ones((height, width), np.bool_)
+    for row in range(height):
+        column = 0
+        while column < width:
+            first, sign = column, np.sign(left[row, column])
+            while column < width and sign * left[row, column] > _HARDLY_LIGHT:
+                column += 1
+            if column == first:
+                column += 1
+                continue
+            begins = first == 0 or abs(left[row, first]) < _FADES
+            ends = column == width or abs(left[row, column - 1]) < _FADES
+            may_be[row, first:column] = begins or ends
+    return may_be
 
 
 def _tiles(channels: Bytes, mean: Steps, levels: Levels, tile_px: tuple[int, int]) -> tuple[Levels, Levels]:

@@ -176,7 +176,7 @@ class Segmenter:
         since the clean plates were recorded."""
         self.blind = blind
         """Returns by camera the pixels (h, w), without lens distortion, where something seems to hide the
-        actor; where cameras are few, often nothing does."""
+        actor; where cameras are few, or wrongly calibrated, often nothing does."""
 
     @classmethod
     def of_videos(

@@ -64,14 +64,14 @@ class Anchors:
             return 0.0, 0.0
         grey, shift, weights = _smoothed(picture_bgr), np.zeros(2), np.ones(len(self.rows))
         still = grey[self.rows, self.columns]
-        for _ in range(_ROUNDS):
+        for n in range(_ROUNDS):
             right, down = np.rint(shift).astype(int)
             seen = grey[self.rows + down, self.columns + right]
             found, weights = _solved(self.terms, seen, weights)
             if found[0] <= 0:  # a black picture, for example
                 return 0.0, 0.0
             before, shift = shift, ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
-            if np.hypot(*(shift - before)) < _SETTLED_PX:
+            if n > 0 and np.hypot(*(shift - before)) < _SETTLED_PX:  # the first round weighs all alike
                 break
         if np.hypot(*shift) < _LEAST_PX:
             return 0.0, 0.0

@@ -1,6 +1,5 @@
 """The actor is fitted past furniture, if that explains more, with the fitting itself replaced."""
 
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,7 +13,6 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import quality_of
 from services.mocap.take.folder import Take, open_take
@@ -95,33 +93,6 @@ def test_a_poor_fit_is_made_again_without_what_the_segmentation_takes_for_furnit
     assert sorted(found.occluded) == (["cam01", "cam02"] if is_noticed else [])
     for mask in found.occluded.values():
         assert 0 < mask.sum() < 0.6 * tables["cam01"].sum(), "only where it hides the body"
-
-
-@pytest.mark.parametrize("is_noticed", [True, False])
-def test_who_is_cut_in_two_by_posts_is_fitted_beside_them(is_noticed: bool, tmp_path: Path) -> None:
-    write_exact_take(tmp_path, n_frames=3, n_cameras=5)
-    say_first_pose(tmp_path)
-    posts = {}
-    for camera in ("cam01", "cam02"):
-        posts[camera] = np.zeros((240, 320), np.bool_)
-        for path in sorted((tmp_path / "silhouettes" / camera).iterdir()):
-            silhouette = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)
-            if not posts[camera].any():
-                middle = int(np.median(np.nonzero(silhouette)[1]))
-                posts[camera][:, middle - 8 : middle + 8] = True
-            silhouette[posts[camera]] = 0
-            cv2.imwrite(str(path), silhouette)
-    truth = read_poses_csv(tmp_path / "reference" / "poses.csv").poses
-
-    def fitter(rig: Rig, seen: TriPlanes, actor: Actor, _poses: Floats, *_: Any) -> Fit:
-        quality = quality_of(build_body(actor), truth, rig, seen)
-        return Fit(actor, truth, quality, quality)
-
-    if is_noticed:
-        assert fit_by(fitter, open_take(tmp_path), range(3), blind=posts).occluded.keys() == posts.keys()
-    else:
-        with pytest.raises(TakeError, match="do not meet in space"):
-            fit_by(fitter, open_take(tmp_path), range(3))
 
 
 def _rig_mask(rig: Rig) -> Mask:

@@ -76,15 +76,16 @@ def write_report(path: Path, result: Result) -> None:
     template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
     # How much the doubtful parts of each frame lack to full confidence; 0 without any.
     doubts = np.where(result.distrusted, 1.001 - np.nan_to_num(result.confidence), 0.0).sum(axis=1)
-    overlay = result.folder / OVERLAY
+    overlay, verdict = result.folder / OVERLAY, verdict_of(result)
+    told = set(map(str, verdict.causes))
     page = template.render(
         name=result.motion.name,
-        verdict=verdict_of(result),
+        verdict=verdict,
         words=(ENERGY_IN_WORDS, IOU_IN_WORDS),
         summary=_summary(result),
         pictures=key_frames(overlay, result.frames.tolist(), result.energies_px, doubts),
         fit_picture=_fit_picture(result.folder),
-        fit_warnings=_fit_warnings(result.folder),
+        fit_warnings=[sentence for sentence in _fit_warnings(result.folder) if sentence not in told],
         sections=list(_sections(result)),
         joint_errors=[
             (joint.replace("_", " "), f"{error:.1f} mm")
