@@ -28,7 +28,7 @@ _ROUNDS = 2
 _CLEARLY_LESS = 0.75
 """A body that goes on behind furniture leaves at most this share of what another leaves unexplained."""
 _GOOD_IOU = 0.88
-"""Of a fit that nothing need be hidden for; in coats 0.85 is usual."""
+"""Mean overlap from which on a fit needs no search for furniture; people in coats usually have 0.85."""
 
 
 FitTo: TypeAlias = Callable[[Mapping[str, Mask], Show], TakeFit]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes
-from services.segmentation.light import Gauge
+from services.segmentation.exposure import Gauge
 from services.segmentation.pixels import (
     BB,
     GG,

@@ -8,7 +8,7 @@ import numpy as np
 
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Mask
-from services.segmentation.light import Gauge
+from services.segmentation.exposure import Gauge
 from services.segmentation.pixels import BB, GB, GG, MAD_SIGMA, RB, RG, RR, Levels
 
 _NOISE_FLOOR_LEVELS = 1.5

@@ -1,6 +1,6 @@
 """Detects a clean plate of another contrast than the pictures, such as a photograph.
 
-Exposure and white balance, which are a gain in each channel, are left to services.segmentation.light.
+Exposure and white balance, which are a gain in each channel, are left to services.segmentation.exposure.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes, Ints, Mask
-from services.segmentation.light import Gauge
+from services.segmentation.exposure import Gauge
 from services.segmentation.pixels import MAD_SIGMA, Levels
 from services.segmentation.plate_shift import grey_of, slopes_of
 

@@ -37,7 +37,7 @@ def correlated(n: int, covariance: Floats, seed: int) -> list[Bytes]:
 
 def test_whitened_noise_has_a_deviation_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("services.segmentation.plate_noise._CODEC_NOISE_LEVELS", (0.1, 0.1))
-    monkeypatch.setattr("services.segmentation.light.Gauge.gains", lambda *_: np.ones(3, np.float32))
+    monkeypatch.setattr("services.segmentation.exposure.Gauge.gains", lambda *_: np.ones(3, np.float32))
     covariance = np.array([[9.0, 5.0, 2.0], [5.0, 16.0, 6.0], [2.0, 6.0, 12.0]])
     known = Plate.learn(correlated(300, covariance, 0))
     fresh = np.array(correlated(40, covariance, 1)).astype(np.float64)
