@@ -99,18 +99,25 @@ class Switchboard:
         self.recorders.keep(pose)
 
     def end(self, message: TakeEnd) -> None:
-        """Announce that no pose will follow."""
+        """Tell recorders that no pose will follow."""
         self._end, self.recorders.heard_s = message, time.monotonic()
         self._repeat()
-        for identity in self.recorders:
-            self._ports.send(identity, message)
+
+    def dismiss(self) -> None:
+        """Tell all others that no pose will follow, once recorders have all: until then a restarted
+        coordinator may need the silhouettes again."""
+        if self._end is not None:
+            self._ports.publish(self._end)
 
     def _repeat(self) -> None:
-        """Publish again what late subscribers have missed."""
+        """Send again what late subscribers have missed, and what may not have reached recorders."""
         self._repeated_s = time.monotonic()
-        for message in (self._credit, self._take_info, self._end):
+        for message in (self._credit, self._take_info):
             if message is not None:
                 self._ports.publish(message)
+        if self._end is not None:
+            for identity in self.recorders:
+                self._ports.send(identity, self._end)
         if self.telemetry is not None:
             self._ports.publish(self.telemetry())
 

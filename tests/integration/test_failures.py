@@ -201,6 +201,21 @@ def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
     assert [path.name for path in run.out.parent.iterdir()] == ["out"]
 
 
+def test_frames_that_were_not_recorded_at_the_end_of_the_take_are_solved_again(
+    run: Run, undisturbed: Path
+) -> None:
+    ended_s: list[float] = []
+
+    def well_after_the_end(progress: Progress) -> bool:
+        if progress.told is not None and progress.told.stage == "ended":
+            ended_s.append(time.monotonic())
+        return bool(ended_s) and time.monotonic() - ended_s[0] > 1  # its silhouettes were let go
+
+    run.when(after(2), kill("recorder", signal.SIGSTOP))
+    run.when(well_after_the_end, kill_all_that_know_poses).go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+
+
 def test_a_recorder_that_dies_while_it_writes_results_writes_them_after_all(
     exact_take: Path, tmp_path: Path, undisturbed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
