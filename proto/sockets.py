@@ -40,7 +40,7 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
     socket = context.socket(kind)
     socket.setsockopt(zmq.SNDHWM, QUEUE_MESSAGES)
     socket.setsockopt(zmq.RCVHWM, QUEUE_MESSAGES if kind == zmq.PULL else _SMALL_QUEUE_MESSAGES)
-    socket.setsockopt(zmq.LINGER, LINGER_MS)
+    socket.setsockopt(zmq.LINGER, 0 if kind == zmq.SUB else LINGER_MS)  # it sends only subscriptions
     longest = MAX_REPLY_BYTES if kind == zmq.ROUTER else MAX_FRAME_BYTES
     socket.setsockopt(zmq.MAXMSGSIZE, longest + _CURVE_BYTES)
     socket.setsockopt(zmq.HEARTBEAT_IVL, PING_INTERVAL_MS)

@@ -1,6 +1,7 @@
 """A body's meshes as flat arrays: what the outline is found with and what it walks along."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import accumulate
 from typing import Any, NamedTuple, TypeVar
 
@@ -87,13 +88,22 @@ def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[
     """One part's edges (B, BLOCK, 4), planes (B, BLOCK, 8) and block_planes (B, 9)."""
     if not len(level.faces):
         return tuple(np.zeros(shape) for shape in ((0, BLOCK, 4), (0, BLOCK, 8), (0, 9)))
-    edges, sides = closed_edges(level.faces)
-    planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
+    from_centre_m = level.vertices_m - sphere_m[:3]
+    edges, planes, bounds = _own_blocks(from_centre_m.tobytes(), level.faces.tobytes(), level.faces.dtype)
+    return edges + first_vertex, planes, bounds
+
+
+@lru_cache(maxsize=128)  # bodies that only differ in a skirt or a hat share all other parts
+def _own_blocks(vertices_m: bytes, faces: bytes, dtype: np.dtype[Any]) -> tuple[NDArray[Any], ...]:
+    """The same of a part's vertices (V, 3), float64, and faces (F, 3), with the part's own vertex numbers."""
+    own_faces = np.frombuffer(faces, dtype).reshape(-1, 3)
+    edges, sides = closed_edges(own_faces)
+    planes = _planes(np.frombuffer(vertices_m).reshape(-1, 3), own_faces)[sides]
     directions = planes[:, 0, :3] + planes[:, 1, :3]
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     order = _in_blocks(directions / np.maximum(lengths, _SHORTEST_NORMAL), np.arange(len(directions)))
     return (
-        _filled(edges[order] + first_vertex, np.full(4, first_vertex)),
+        _filled(edges[order], np.zeros(4)),
         _filled(planes[order].reshape(-1, 8), np.array([0.0, 0, 0, _NO_OFFSET] * 2)),
         _bounds(planes[order]),
     )
