@@ -17,7 +17,7 @@ from bench.soak.fault_injector import FaultInjector, FaultPlan
 from bench.soak.latency import Latency, Stopwatch
 from bench.soak.stage import make_take
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.settings import PRESETS
+from services.mocap.search.settings import PRESETS, SearchSettings
 from services.mocap.take.folder import open_take
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.progress import Progress
@@ -25,8 +25,10 @@ from services.runs.track import TakeJob, track
 
 _CAMERAS = 4
 _WORKERS = 4
-_SEARCH = PRESETS["plain"].model_copy(update={"detail_px": PRESETS["default"].detail_px})
-"""Every frame has work for every worker."""
+_BOTH_WAYS = SearchSettings(search_limbs="always")
+"""Every frame has work for every worker, on the way back as well."""
+_FORWARDS = PRESETS["plain"].model_copy(update={"detail_px": PRESETS["default"].detail_px})
+"""The same, but every frame is solved once, so that it can be timed."""
 _ANYBODY = FaultPlan(
     most={"limb_worker": 12, "segmentation": 8, "recorder": 4, "coordinator": 4},
     longest_wait_s=2.0,
@@ -72,22 +74,23 @@ class _Outcome:
 def kill_at_random(seed: int, kills: int, frames: int, progress: Callable[[int], None]) -> Report:
     """Inject so many faults, in as many runs over a take of so many frames as that takes.
 
-    Then workers only are struck in one more run, for the time that this costs. Raises what `track` raises
-    where a run fails altogether.
+    Then workers only are struck in one more run, forwards, for the time that this costs. Raises what `track`
+    raises where a run fails altogether.
     """
     report, began_s = Report(seed), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="xormocap-soak-") as temporary:
         folder = Path(temporary)
         take = make_take(folder / "take", frames, _CAMERAS)
-        quiet = _run(take, folder / "quiet", None)
+        quiet = _run(take, folder / "quiet", None, _BOTH_WAYS)
         while report.faults.total() < kills:
             before = report.faults.total()
             injector = FaultInjector(Dice(seed, report.runs), _ANYBODY, kills - before)
             injector.tell = partial(_tell_all, progress, before)
-            _compare(report, quiet, _run(take, folder / f"run-{report.runs}", injector))
+            _compare(report, quiet, _run(take, folder / f"run-{report.runs}", injector, _BOTH_WAYS))
             report.faults += injector.faults
         injector = FaultInjector(Dice(seed, report.runs), _WORKERS_ONLY, frames)
-        disturbed = _run(take, folder / "workers", injector)
+        quiet = _run(take, folder / "quiet-forwards", None, _FORWARDS)
+        disturbed = _run(take, folder / "workers", injector, _FORWARDS)
         _compare(report, quiet, disturbed)
         report.faults += injector.faults
         report.latencies = _latencies(injector, quiet.stopwatch, disturbed.stopwatch)
@@ -95,7 +98,7 @@ def kill_at_random(seed: int, kills: int, frames: int, progress: Callable[[int],
     return report
 
 
-def _run(take: Path, out: Path, injector: FaultInjector | None) -> _Outcome:
+def _run(take: Path, out: Path, injector: FaultInjector | None, search: SearchSettings) -> _Outcome:
     """Track a take, disturbed or not."""
     endpoint, opened = free_endpoint(), open_take(take)
     with Stopwatch(endpoint) as stopwatch:
@@ -112,7 +115,7 @@ def _run(take: Path, out: Path, injector: FaultInjector | None) -> _Outcome:
                 workers=_WORKERS,
                 overlay=False,
                 engine=EngineSettings(threads=1),
-                search=_SEARCH,
+                search=search,
                 endpoint=endpoint,
             )
             track(job, show=_say_nothing, started=started)
