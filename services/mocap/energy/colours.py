@@ -5,7 +5,7 @@ term adds to the XOR where a picture has classes (Picture.classes): a pixel cost
 input and another one of the body. It is computed by the CPU, whatever draws the silhouettes.
 """
 
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class ColourPainter:
         The problem's picture must have classes.
         """
         picture, n_cameras = problem.picture, self._rig.n_cameras
-        seen, detail_px = self._seen(picture), _COARSER * problem.detail_px
+        seen, detail_px = _seen(picture, n_cameras), _COARSER * problem.detail_px
         weights = problem.cost.weights(n_cameras)
         cameras, drawn = self._cameras(picture.region), np.array(problem.segments, np.int32)
         T_world_frame = frame_transforms(problem.base_pose[None], self._body.offsets_m)[0]
@@ -73,7 +73,7 @@ class ColourPainter:
 
     def wrong(self, picture: Picture, pose: Floats) -> Bytes:
         """(P, h, w) bit-planes of the pixels in which a pose (D,) has another class than a picture."""
-        seen, own = self._seen(picture), self.painted(pose, picture.region)
+        seen, own = _seen(picture, self._rig.n_cameras), self.painted(pose, picture.region)
         return pack((seen != 0) & (own != 0) & (own != seen))
 
     def painted(self, pose: Floats, region: Region, table: Bytes | None = None) -> Bytes:
@@ -82,13 +82,6 @@ class ColourPainter:
         T_world_frame = frame_transforms(pose[None], self._body.offsets_m)[0]
         coat = (self._body.colour_classes if table is None else table), self.ends_m, self.nearer_m
         return self._painted(T_world_frame, _EVERYTHING, coat, region, 0.0)[0]
-
-    def _seen(self, picture: Picture) -> Bytes:
-        """The classes (C, h, w) of a picture. Pixels that are ignored count here: a body before the others
-        hides their colours."""
-        if picture.classes is None:
-            raise ValueError("classes: the picture has none")
-        return unpack_classes(picture.classes, self._rig.n_cameras)
 
     def _painted(
         self, T_world_frame: Floats, surfaces: Ints, coat: Coat, region: Region, detail_px: float
@@ -109,6 +102,15 @@ class ColourPainter:
         """Projections (C, 3, 4), lenses, and centres (C, 3) in the world."""
         P_px_world, lenses = cameras_of(self._rig, region)
         return P_px_world, lenses, np.ascontiguousarray(lenses[:, CENTRE_X : CENTRE_X + 3])
+
+
+@lru_cache(maxsize=8)  # a picture is looked at many times
+def _seen(picture: Picture, n_cameras: int) -> Bytes:
+    """The classes (C, h, w) of a picture. Pixels that are ignored count here: a body before the others hides
+    their colours."""
+    if picture.classes is None:
+        raise ValueError("classes: the picture has none")
+    return unpack_classes(picture.classes, n_cameras)
 
 
 def _ends_m(vertices_m: Floats) -> Floats:

@@ -6,6 +6,7 @@ planes of a block of edges that face the same way mostly tells that there is no 
 is too close to call is left to whoever looks at the corners.
 """
 
+from functools import lru_cache
 from math import sqrt
 
 import numba
@@ -34,6 +35,7 @@ _SINGLE_ERROR = 2.0**-19
 """Of a plane at a point in single precision, against the sum of the sizes of its terms: twice what can be."""
 
 
+@lru_cache(maxsize=32)  # a picture is looked at many times
 def cameras_of(rig: Rig, region: Region) -> tuple[Floats, Floats]:
     """Projections (C, 3, 4) to a region's pixels, and lenses."""
     P_px_world = region.projections(rig)
