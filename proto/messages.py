@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 12
+PROTOCOL_VERSION = 13
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200

@@ -217,5 +217,5 @@ class Session:
         self._board.end(self._outgoing.take_end(self._solved_end, is_settled=self._is_settled))
         if self._solved_end > self._plan.frames.start:
             await_confirmation(self._board, self._solved_end, self._look)
-        self._board.dismiss()
+        self._board.publish_end()
         log.info("end: %s", self._board.counts())

@@ -99,13 +99,14 @@ class Switchboard:
         self.recorders.keep(pose)
 
     def end(self, message: TakeEnd) -> None:
-        """Tell recorders that no pose will follow."""
+        """Tell recorders that no pose will follow, and everybody if the input is live: cameras do not wait,
+        and their silhouettes cannot be sent again."""
         self._end, self.recorders.heard_s = message, time.monotonic()
         self._repeat()
 
-    def dismiss(self) -> None:
-        """Tell all others that no pose will follow, once recorders have all: until then a restarted
-        coordinator may need the silhouettes again."""
+    def publish_end(self) -> None:
+        """Tell everybody. Segmentation leaves then, so recorders must have all frames: else a restarted
+        coordinator would wait for silhouettes in vain."""
         if self._end is not None:
             self._ports.publish(self._end)
 
@@ -118,6 +119,8 @@ class Switchboard:
         if self._end is not None:
             for identity in self.recorders:
                 self._ports.send(identity, self._end)
+            if self.incoming.is_live:
+                self.publish_end()
         if self.telemetry is not None:
             self._ports.publish(self.telemetry())
 

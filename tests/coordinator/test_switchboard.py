@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import zmq
 
-from proto.link import Link
-from proto.messages import Hello, Message, Pose, PoseRequest, Recorded, Recording
+from proto.link import Line, Link
+from proto.messages import Credit, Hello, Message, Pose, PoseRequest, Recorded, Recording, TakeEnd
 from services.coordinator.incoming import RecordedFrames
 from services.coordinator.recorders import LostFramesError
 from services.coordinator.switchboard import Switchboard
@@ -106,3 +106,33 @@ def test_settled_poses_are_kept_until_recorders_have_them(board: Switchboard, re
     assert [pose.frame for pose in told(board, last, recorder)] == [150, 151]
     with pytest.raises(LostFramesError, match="lacks frame 0, which is no longer kept"):
         told(board, first, recorder)
+
+
+@pytest.mark.parametrize("is_live", [False, True])
+def test_silhouettes_are_let_go_once_recorders_have_all_and_at_once_if_they_are_live(
+    board: Switchboard, recorder: Link, endpoint: str, monkeypatch: pytest.MonkeyPatch, *, is_live: bool
+) -> None:
+    monkeypatch.setattr(RecordedFrames, "is_live", is_live)
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    poses, end = Line(context, endpoint, "poses"), TakeEnd(take="walk", run=RUN, first_frame=0, end_frame=3)
+    credit = Credit(take="walk", run=RUN, next_frame=0, end_frame=3)
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while poses.receive() is None:  # it has subscribed once it hears something
+        assert time.monotonic() < deadline_s, "never subscribed"
+        board.give_credit(credit)
+        poses.tick()
+    board.end(end)
+    assert end in told(board, Recorded(run=RUN, end_frame=0), recorder)
+    assert (end in _heard(poses)) == is_live
+    board.publish_end()
+    assert end in _heard(poses)
+    context.destroy(linger=0)
+
+
+def _heard(line: Line) -> list[Message]:
+    """What has come, and comes within a moment."""
+    heard, until_s = list[Message](), time.monotonic() + 0.3
+    while time.monotonic() < until_s:
+        if (message := line.receive()) is not None:
+            heard.append(message)
+    return heard

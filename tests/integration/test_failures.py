@@ -209,7 +209,7 @@ def test_frames_that_were_not_recorded_at_the_end_of_the_take_are_solved_again(
     def well_after_the_end(progress: Progress) -> bool:
         if progress.told is not None and progress.told.stage == "ended":
             ended_s.append(time.monotonic())
-        return bool(ended_s) and time.monotonic() - ended_s[0] > 1  # its silhouettes were let go
+        return bool(ended_s) and time.monotonic() - ended_s[0] > 1  # everybody has heard of it
 
     run.when(after(2), kill("recorder", signal.SIGSTOP))
     run.when(well_after_the_end, kill_all_that_know_poses).go()

@@ -5,7 +5,7 @@ term adds to the XOR where a picture has classes (Picture.classes): a pixel cost
 input and another one of the body. It is computed by the CPU, whatever draws the silhouettes.
 """
 
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from services.mocap.body.colours import COLOURED, SKIRT
 from services.mocap.body.kinematics import N_RIGID, frame_transforms, moving_frames
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
-from services.mocap.energy.bitplanes import pack, unpack_classes
+from services.mocap.energy.bitplanes import pack
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import CENTRE_X, cameras_of
 from services.mocap.energy.cpu.outline import prepared
@@ -48,9 +48,8 @@ class ColourPainter:
 
         The problem's picture must have classes.
         """
-        picture, n_cameras = problem.picture, self._rig.n_cameras
-        seen, detail_px = _seen(picture, n_cameras), _COARSER * problem.detail_px
-        weights = problem.cost.weights(n_cameras)
+        picture, weights = problem.picture, problem.cost.weights(self._rig.n_cameras)
+        seen, detail_px = picture.class_of_pixels, _COARSER * problem.detail_px
         cameras, drawn = self._cameras(picture.region), np.array(problem.segments, np.int32)
         T_world_frame = frame_transforms(problem.base_pose[None], self._body.offsets_m)[0]
         coat = self._body.colour_classes, self.ends_m, self.nearer_m
@@ -73,7 +72,7 @@ class ColourPainter:
 
     def wrong(self, picture: Picture, pose: Floats) -> Bytes:
         """(P, h, w) bit-planes of the pixels in which a pose (D,) has another class than a picture."""
-        seen, own = _seen(picture, self._rig.n_cameras), self.painted(pose, picture.region)
+        seen, own = picture.class_of_pixels, self.painted(pose, picture.region)
         return pack((seen != 0) & (own != 0) & (own != seen))
 
     def painted(self, pose: Floats, region: Region, table: Bytes | None = None) -> Bytes:
@@ -102,15 +101,6 @@ class ColourPainter:
         """Projections (C, 3, 4), lenses, and centres (C, 3) in the world."""
         P_px_world, lenses = cameras_of(self._rig, region)
         return P_px_world, lenses, np.ascontiguousarray(lenses[:, CENTRE_X : CENTRE_X + 3])
-
-
-@lru_cache(maxsize=8)  # a picture is looked at many times
-def _seen(picture: Picture, n_cameras: int) -> Bytes:
-    """The classes (C, h, w) of a picture. Pixels that are ignored count here: a body before the others hides
-    their colours."""
-    if picture.classes is None:
-        raise ValueError("classes: the picture has none")
-    return unpack_classes(picture.classes, n_cameras)
 
 
 def _ends_m(vertices_m: Floats) -> Floats:

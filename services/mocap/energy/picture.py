@@ -2,11 +2,19 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, camera_bit, n_planes, pack
+from services.mocap.energy.bitplanes import (
+    CAMERAS_PER_PLANE,
+    TriPlanes,
+    camera_bit,
+    n_planes,
+    pack,
+    unpack_classes,
+)
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 
@@ -61,6 +69,14 @@ class Picture:
     """(P, h, w) bit-planes of unsure pixels, where the input's contour is not known; None: there are none."""
     classes: Bytes | None = None
     """(CLASS_BITS, P, h, w) bit-planes of the input's colour classes; None where none are known."""
+
+    @cached_property
+    def class_of_pixels(self) -> Bytes:
+        """(C, h, w) the input's colour classes, also of pixels that do not count: a body before the others
+        hides their colours. Raises ValueError without classes."""
+        if self.classes is None:
+            raise ValueError("classes: the picture has none")
+        return unpack_classes(self.classes, len(self.region.origin_px))
 
     @classmethod
     def whole(cls, rig: Rig, silhouettes: Bytes, unsure: Bytes | None = None) -> "Picture":

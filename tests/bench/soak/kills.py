@@ -28,7 +28,7 @@ _WORKERS = 4
 _BOTH_WAYS = SearchSettings(search_limbs="always")
 """Every frame has work for every worker, on the way back as well."""
 _FORWARDS = PRESETS["plain"].model_copy(update={"detail_px": PRESETS["default"].detail_px})
-"""The same, but every frame is solved once, so that it can be timed."""
+"""Every frame has work for every worker, and is solved once, so that it can be timed."""
 _ANYBODY = FaultPlan(
     most={"limb_worker": 12, "segmentation": 8, "recorder": 4, "coordinator": 4},
     longest_wait_s=2.0,

@@ -93,7 +93,7 @@ def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[
     return edges + first_vertex, planes, bounds
 
 
-@lru_cache(maxsize=128)  # bodies that only differ in a skirt or a hat share all other parts
+@lru_cache(maxsize=128)  # bodies that only differ in a skirt or a hat share most parts
 def _own_blocks(vertices_m: bytes, faces: bytes, dtype: np.dtype[Any]) -> tuple[NDArray[Any], ...]:
     """The same of a part's vertices (V, 3), float64, and faces (F, 3), with the part's own vertex numbers."""
     own_faces = np.frombuffer(faces, dtype).reshape(-1, 3)
