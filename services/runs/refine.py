@@ -8,6 +8,7 @@ and which colours each part of the actor has.
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,13 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import PoseTable
-from services.mocap.types import ACTOR, Floats, Ints, Mask
+from services.mocap.types import ACTOR, Bytes, Floats, Ints, Mask
 from services.runs.motion_blur import cut_motion_blur
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
 from services.runs.way_round import faces_other_way, turned_poses
+from services.segmentation.background import CameraBackground
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.silhouettes import Moment, Segmenter, packed
 
@@ -180,10 +182,16 @@ def look_over(
 
     with model_on_cpu(found.actor, rig) as model:
         lesson = _ColourLesson(model, take.cameras)
-        masks = find_occluded(model, posed())
+        masks = find_occluded(model, posed(), partial(_empty_stage, take))
     occluded = occluded_by_camera(take.cameras, masks)
     warn_of_occluded(take, occluded)
     return occluded, lesson.learner.conclude()
+
+
+def _empty_stage(take: Take, camera: int) -> Bytes | None:
+    """A camera's recorded clean plate (h, w, 3), undistorted; None without one."""
+    picture = CameraBackground(take, take.cameras[camera]).mean_picture()
+    return None if picture is None else Undistorter(take.cameras[camera]).image(picture)
 
 
 class _ColourLesson:

@@ -4,7 +4,7 @@ Furniture in front of the actor cuts the same piece out of every silhouette, so 
 cameras have told where the actor was. Such pixels become unsure: they count neither for nor against a pose.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +15,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.search.model import Model
+from services.mocap.search.whole_objects import whole_object
 from services.mocap.types import Bytes, Floats, Mask
 
 _LEAST_FRAMES, _LEAST_SHARE = 3, 0.03
@@ -47,8 +48,14 @@ class PosedFrame:
     """Whether the whole body may be elsewhere; marks of limbs do not count, as furniture leads to them."""
 
 
-def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
-    """(C, H, W) the pixels in which something hides the actor from each camera."""
+def find_occluded(
+    model: Model, frames: Iterable[PosedFrame], stage_of: Callable[[int], Bytes | None] = lambda _: None
+) -> Mask:
+    """(C, H, W) the pixels in which something hides the actor from each camera.
+
+    stage_of: a camera's undistorted picture (h, w, 3) of the empty stage, which shows how far an object goes
+    on; None: there is none.
+    """
     rig, region = model.rig, Region.whole(model.rig)
     n_covered, n_behind, n_seen = np.zeros((3, rig.n_cameras, *rig.shape_px), np.int32)
     n_frames = 0
@@ -67,6 +74,11 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
     large = [large_pieces(mask, _LEAST_PX * scale**2) for mask, scale in zip(hidden, rig.scales, strict=True)]
+    found = widened(np.array(large), _AROUND_PX, rig)
+    for c in np.flatnonzero(found.any(axis=(1, 2))).tolist():
+        if (stage_bgr := stage_of(c)) is not None:
+            part = np.s_[: stage_bgr.shape[0], : stage_bgr.shape[1]]
+            large[c][part] |= whole_object(found[c][part], stage_bgr, n_seen[c][part])
     return widened(np.array(large), _AROUND_PX, rig)
 
 

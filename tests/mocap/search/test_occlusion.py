@@ -65,3 +65,22 @@ def test_a_lost_body_tells_nothing(model: Model, walk: Floats, masks: Mask) -> N
     seen, elsewhere = np.repeat(masks[:1], 24, axis=0), np.repeat(walk[-1:], 24, axis=0)
     assert find_occluded(model, frames_of(seen, elsewhere)).any()
     assert not find_occluded(model, frames_of(seen, elsewhere, is_lost=True)).any()
+
+
+def test_all_of_the_furniture_is_hidden_where_the_empty_stage_shows_it(
+    model: Model, walk: Floats, masks: Mask
+) -> None:
+    behind, stage = masks.copy(), np.full((*masks.shape[2:], 3), 180, np.uint8)
+    behind[:, 0][(slice(None), *TABLE)] = False
+    table = np.s_[TABLE[0].start : TABLE[0].stop, 60 : TABLE[1].stop]
+    stage[table] = 40
+    asked = list[int]()
+
+    def stage_of(camera: int) -> Bytes:
+        asked.append(camera)
+        return stage
+
+    hidden = find_occluded(model, frames_of(behind, walk), stage_of)
+    assert hidden[0][table].all()
+    assert asked == [0], "no other camera has anything hidden"
+    assert not hidden[1:].any()
