@@ -90,7 +90,7 @@ def main(
                 worker.work()
                 worker.tick()
             for link in links:
-                link.close(linger_ms=0)  # a result that was not sent is found by somebody else
+                link.close(linger_ms=0)  # a task whose result was not sent is solved again
         context.term()
 
     run_service("limb_worker", serve, metrics)

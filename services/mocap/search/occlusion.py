@@ -74,11 +74,10 @@ def find_occluded(
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
     large = [large_pieces(mask, _LEAST_PX * scale**2) for mask, scale in zip(hidden, rig.scales, strict=True)]
-    found = widened(np.array(large), _AROUND_PX, rig)
-    for c in np.flatnonzero(found.any(axis=(1, 2))).tolist():
-        if (stage_bgr := stage_of(c)) is not None:
+    for c, known in enumerate(large):
+        if known.any() and (stage_bgr := stage_of(c)) is not None:
             part = np.s_[: stage_bgr.shape[0], : stage_bgr.shape[1]]
-            large[c][part] |= whole_object(found[c][part], stage_bgr, n_seen[c][part])
+            known[part] |= whole_object(known[part] > 0, stage_bgr, n_seen[c][part])
     return widened(np.array(large), _AROUND_PX, rig)
 
 

@@ -16,29 +16,25 @@ _LEAST_COLOUR = 0.02
 _LEAST_PART = 0.05
 """Share of the known part that must lie in a connected piece of these colours."""
 _MOST_SEEN = 0.05
-"""Share of a piece before which the actor may have been seen; more is wall or floor in these colours."""
+"""Share of a piece in front of which the actor may have been seen; more is wall or floor in these colours."""
 _MOST_OF_PICTURE = 0.5
-_EDGE_PX = 5
-"""Side of the square by which the known part is narrowed: its edge may be beside the object."""
+"""A larger piece is the room."""
 
 
-def whole_object(hidden: Mask, stage_bgr: Bytes, n_seen: Ints) -> Mask:
-    """What goes on beside hidden pixels (h, w) in their colours, in a picture of the empty stage (h, w, 3).
+def whole_object(known: Mask, stage_bgr: Bytes, n_seen: Ints) -> Mask:
+    """The pixels (h, w) of an object that is known to be in some of them, by its colours in a picture of the
+    empty stage (h, w, 3).
 
     n_seen: (h, w) in how many frames the actor may be in a pixel.
     """
-    inner = cv2.erode(hidden.view(np.uint8), np.ones((_EDGE_PX, _EDGE_PX), np.uint8)) > 0
-    whole = np.zeros_like(hidden)
-    if not inner.any():
-        return whole
     bins = cv2.cvtColor(stage_bgr, cv2.COLOR_BGR2LAB) // _BIN_LEVELS
     counts = np.zeros((256 // _BIN_LEVELS,) * 3, np.int64)
-    np.add.at(counts, tuple(bins[inner].T), 1)
-    own = ndimage.binary_dilation(counts >= _LEAST_COLOUR * inner.sum(), np.ones((3, 3, 3)))
+    np.add.at(counts, tuple(bins[known].T), 1)
+    own = ndimage.binary_dilation(counts >= _LEAST_COLOUR * known.sum(), np.ones((3, 3, 3)))
     alike = own[tuple(np.moveaxis(bins, 2, 0))]
-    n_pieces, pieces = cv2.connectedComponents(alike.view(np.uint8))
+    whole, (n_pieces, pieces) = np.zeros_like(known), cv2.connectedComponents(alike.view(np.uint8))
     for piece in (pieces == k for k in range(1, n_pieces)):
-        is_known = (piece & inner).sum() >= _LEAST_PART * inner.sum()
-        if is_known and piece.mean() <= _MOST_OF_PICTURE and (n_seen[piece] > 1).mean() <= _MOST_SEEN:
+        holds_known = (piece & known).sum() >= _LEAST_PART * known.sum()
+        if holds_known and piece.mean() <= _MOST_OF_PICTURE and (n_seen[piece] > 1).mean() <= _MOST_SEEN:
             whole |= piece
     return whole

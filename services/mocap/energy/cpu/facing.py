@@ -35,7 +35,7 @@ _SINGLE_ERROR = 2.0**-19
 """Of a plane at a point in single precision, against the sum of the sizes of its terms: twice what can be."""
 
 
-@lru_cache(maxsize=32)  # of these very objects; nobody may write into what it returns
+@lru_cache(maxsize=32)  # recognised by identity; do not write into what it returns
 def cameras_of(rig: Rig, region: Region) -> tuple[Floats, Floats]:
     """Projections (C, 3, 4) to a region's pixels, and lenses."""
     P_px_world = region.projections(rig)
