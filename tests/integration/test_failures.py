@@ -288,7 +288,7 @@ def test_a_stop_on_the_way_back_ends_the_run_which_goes_on_from_there(
     assert (run.out / "poses.csv").read_text() == (undisturbed_both_ways / "poses.csv").read_text()
 
 
-@pytest.mark.usefixtures("own_imports")  # so that the second one is shortly before the first frame, or after it
+@pytest.mark.usefixtures("own_imports")  # so that one is shortly before the first frame, or after it
 @pytest.mark.parametrize("seconds", [0.0, 1.5])
 def test_a_stop_about_the_first_frame_ends_at_once(run: Run, seconds: float, tmp_path: Path) -> None:
     began_s = time.monotonic()
