@@ -81,7 +81,6 @@ def outline_length_px(n_points: int, scale: float) -> float:
     return n_points * float(np.pi) / 4 / scale
 
 
-@numba.njit(cache=True, nogil=True)
 def nearest_facing(
     points_px: Floats, normals: Floats, others_px: Floats, facing: Floats, turn_px: float, reach_px: float
 ) -> Longs:
@@ -90,29 +89,59 @@ def nearest_facing(
     Both have unit vectors. The distance is sqrt(|p - q|^2 + turn_px^2 |n - m|^2) of points p, q with unit
     vectors n, m; reach_px limits it.
     """
-    order = np.argsort(others_px[:, 1])  # people are upright, so few points are at one height
-    heights = others_px[order, 1]
-    nearest = np.full(len(points_px), -1)
-    for i in range(len(points_px)):
-        x, y = points_px[i]
-        best = reach_px * reach_px
-        below = np.searchsorted(heights, y)
-        above = below - 1
-        while True:  # from the point's height on, both ways
-            to_below = heights[below] - y if below < len(heights) else np.inf
-            to_above = y - heights[above] if above >= 0 else np.inf
-            dy = min(to_below, to_above)
-            if dy * dy >= best:
+    if len(others_px) == 0:
+        return np.full(len(points_px), -1)
+    first_row, starts, order, others = _in_rows(others_px, facing, turn_px)
+    return _nearest(points_px, normals, first_row, starts, order, others, turn_px, reach_px)
+
+
+@numba.njit(cache=True, nogil=True)
+def _in_rows(points_px: Floats, normals: Floats, turn_px: float) -> tuple[int, Longs, Longs, Floats]:
+    """Points (M, 2) by rows of pixels: the first row, where each row starts (rows + 1,), the points' indices
+    (M,), and points with their normals times turn_px (M, 4)."""
+    first_row = int(np.floor(points_px[:, 1].min()))
+    starts = np.zeros(int(np.floor(points_px[:, 1].max())) - first_row + 2, np.int64)
+    for m in range(len(points_px)):
+        starts[int(np.floor(points_px[m, 1])) - first_row + 1] += 1
+    starts = np.cumsum(starts)
+    order, sorted_px, ends = np.empty(len(points_px), np.int64), np.empty((len(points_px), 4)), starts.copy()
+    for m in range(len(points_px)):
+        row = int(np.floor(points_px[m, 1])) - first_row
+        k = ends[row]
+        order[k], sorted_px[k, 0], sorted_px[k, 1] = m, points_px[m, 0], points_px[m, 1]
+        sorted_px[k, 2], sorted_px[k, 3] = turn_px * normals[m, 0], turn_px * normals[m, 1]
+        ends[row] += 1
+    return first_row, starts, order, sorted_px
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(
+    points_px: Floats,
+    normals: Floats,
+    first_row: int,
+    starts: Longs,
+    order: Longs,
+    others: Floats,
+    turn_px: float,
+    reach_px: float,
+) -> Longs:
+    """nearest_facing among points in rows: people are upright, so few points are in one row."""
+    nearest, n_rows = np.full(len(points_px), -1), len(starts) - 1
+    for n in range(len(points_px)):
+        x, y, u, v = points_px[n, 0], points_px[n, 1], turn_px * normals[n, 0], turn_px * normals[n, 1]
+        row, best = int(np.floor(y)) - first_row, reach_px * reach_px
+        for away in range(max(row, n_rows - 1 - row) + 1):
+            if away > 1 and (away - 1.0) ** 2 >= best:
                 break
-            if to_below < to_above:
-                other, below = order[below], below + 1
-            else:
-                other, above = order[above], above - 1
-            dx = others_px[other, 0] - x
-            du, dv = facing[other, 0] - normals[i, 0], facing[other, 1] - normals[i, 1]
-            away = dx * dx + dy * dy + turn_px * turn_px * (du * du + dv * dv)
-            if away < best:
-                best, nearest[i] = away, other
+            for side in range(1 + (away > 0)):
+                other_row = row + away if side else row - away
+                if not 0 <= other_row < n_rows:
+                    continue
+                for k in range(starts[other_row], starts[other_row + 1]):
+                    dx, dy, du, dv = others[k, 0] - x, others[k, 1] - y, others[k, 2] - u, others[k, 3] - v
+                    square = dx * dx + dy * dy + du * du + dv * dv
+                    if square < best:
+                        best, nearest[n] = square, order[k]
     return nearest
 
 

@@ -89,15 +89,12 @@ class PosedSurface:
         """One camera's rim; empty if the body reaches the camera's plane."""
         P_px_world, (width_px, height_px) = rig.P_px_world[camera], rig.sizes_px[camera]
         centre_world_m = -np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3])
-        turning, facing, ends_px = _turning_edges(
-            self.vertices_world_m, self.planes, self.mesh.edges, self.mesh.sides, centre_world_m,
-            np.ascontiguousarray(P_px_world),
+        edges, middles_px, facing, ends_px = _turning_edges(
+            self.vertices_world_m, self.planes, self.mesh.edges, self.mesh.sides,
+            self.mesh.starts[N_RIGID], centre_world_m, np.ascontiguousarray(P_px_world),
         )  # fmt: skip
         outline = outline_of(_silhouette(ends_px, int(width_px), int(height_px)))
-        edges = self.mesh.edges[turning]
-        rigid = edges[:, 0] < self.mesh.starts[N_RIGID]
-        middles_px = (ends_px[:, 0] + ends_px[:, 1]) / 2.0  # several times as fast as mean
-        return Rim(*outline, edges[rigid], middles_px[rigid], facing[rigid])
+        return Rim(*outline, edges, middles_px, facing)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -116,9 +113,10 @@ def _planes(vertices_m: Floats, faces: Longs) -> Floats:
 
 @numba.njit(cache=True, nogil=True)
 def _turning_edges(
-    vertices_m: Floats, planes: Floats, edges: Longs, sides: Longs, centre_m: Floats, P: Floats
-) -> tuple[Longs, Floats, Floats]:
-    """The edges of which a camera sees one side: indices (N,), normals (N, 2) and ends (N, 2, 2) in pixels.
+    vertices_m: Floats, planes: Floats, edges: Longs, sides: Longs, n_rigid: int, centre_m: Floats, P: Floats
+) -> tuple[Longs, Floats, Floats, Floats]:
+    """The edges of which a camera sees one side. Of those between the first n vertices: their ends as
+    vertices (E, 2), middles (E, 2) in pixels and normals (E, 2); of all: their ends (N, 2, 2) in pixels.
 
     Seen from the first end to the second, the front face is always on the same side. Empty if one of them
     reaches the camera's plane.
@@ -127,31 +125,37 @@ def _turning_edges(
     for f in range(len(planes)):
         n = planes[f]
         front[f] = n[0] * centre_m[0] + n[1] * centre_m[1] + n[2] * centre_m[2] > n[3]
-    turning = np.empty(len(edges), np.int64)
-    facing, ends_px = np.empty((len(edges), 2)), np.empty((len(edges), 2, 2))
-    count = 0
-    for e in range(len(edges)):
+    turning, total = np.empty(len(edges), np.int64), 0
+    for e in range(len(edges)):  # without a branch, which would mostly be guessed wrong
+        turning[total] = e
+        total += front[sides[e, 0]] != front[sides[e, 1]]
+    ends_px, of_rigid = np.empty((total, 2, 2)), np.empty((total, 2), np.int64)
+    middles_px, facing, count = np.empty((total, 2)), np.empty((total, 2)), 0
+    for n in range(total):
+        e = turning[n]
         one, other = sides[e, 0], sides[e, 1]
-        if front[one] == front[other]:
-            continue
         for k in range(2):
-            a = vertices_m[edges[e, k]]
-            depth = P[2, 0] * a[0] + P[2, 1] * a[1] + P[2, 2] * a[2] + P[2, 3]
+            a, end = edges[e, k], k if front[one] else 1 - k
+            ax, ay, az = vertices_m[a, 0], vertices_m[a, 1], vertices_m[a, 2]
+            depth = P[2, 0] * ax + P[2, 1] * ay + P[2, 2] * az + P[2, 3]
             if depth <= NEAREST_M:
-                return turning[:0].copy(), facing[:0].copy(), ends_px[:0].copy()
-            end = k if front[one] else 1 - k
-            ends_px[count, end, 0] = (P[0, 0] * a[0] + P[0, 1] * a[1] + P[0, 2] * a[2] + P[0, 3]) / depth
-            ends_px[count, end, 1] = (P[1, 0] * a[0] + P[1, 1] * a[1] + P[1, 2] * a[2] + P[1, 3]) / depth
+                return of_rigid[:0].copy(), middles_px[:0].copy(), facing[:0].copy(), ends_px[:0].copy()
+            ends_px[n, end, 0] = (P[0, 0] * ax + P[0, 1] * ay + P[0, 2] * az + P[0, 3]) / depth
+            ends_px[n, end, 1] = (P[1, 0] * ax + P[1, 1] * ay + P[1, 2] * az + P[1, 3]) / depth
+        if edges[e, 0] >= n_rigid:
+            continue
         x, y = planes[one, 0] + planes[other, 0], planes[one, 1] + planes[other, 1]
         z = planes[one, 2] + planes[other, 2]
-        u, v = (ends_px[count, 0] + ends_px[count, 1]) / 2
+        u, v = (ends_px[n, 0, 0] + ends_px[n, 1, 0]) / 2, (ends_px[n, 0, 1] + ends_px[n, 1, 1]) / 2
         away = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z
         du = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z - u * away
         dv = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z - v * away
         length = max(np.sqrt(du * du + dv * dv), 1e-12)
-        turning[count], facing[count, 0], facing[count, 1] = e, du / length, dv / length
+        of_rigid[count, 0], of_rigid[count, 1] = edges[e, 0], edges[e, 1]
+        middles_px[count, 0], middles_px[count, 1] = u, v
+        facing[count, 0], facing[count, 1] = du / length, dv / length
         count += 1
-    return turning[:count].copy(), facing[:count].copy(), ends_px[:count].copy()
+    return of_rigid[:count].copy(), middles_px[:count].copy(), facing[:count].copy(), ends_px
 
 
 @numba.njit(cache=True, nogil=True)

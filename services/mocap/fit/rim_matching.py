@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numba
 import numpy as np
 
 from services.mocap.body.actor import Body
@@ -12,13 +13,12 @@ from services.mocap.fit.contours import (
     TURN_PX,
     Contour,
     evenly,
-    look_up,
     nearest_facing,
     outline_length_px,
 )
 from services.mocap.fit.rim import PosedSurface, Rim
 from services.mocap.side_by_side import side_by_side
-from services.mocap.types import Floats, Ints, Longs, Mask
+from services.mocap.types import Floats, Longs, Mask
 
 RIM_POINTS = 200
 """Most rim points of a view that are matched with the contour."""
@@ -84,7 +84,9 @@ def match_view(rim: Rim, contour: Contour) -> Matches:
     )
     forth_px = outline_length_px(len(rim.points_px), scale) / len(forth)
     if contour.near_unsure is not None:
-        told = ~_hidden(rim, forth, contour.points_px[on_contour], contour.near_unsure)
+        told = ~_hidden(
+            rim.points_px[forth], rim.normals[forth], contour.points_px[on_contour], contour.near_unsure
+        )
         forth, on_contour = forth[told], on_contour[told]
     chosen = contour.chosen
     on_rim = nearest_facing(
@@ -115,14 +117,23 @@ def match_view(rim: Rim, contour: Contour) -> Matches:
     )
 
 
-def _hidden(rim: Rim, rows: Ints, targets_px: Floats, near_unsure: Mask) -> Mask:
-    """Which of the rim's points meet unsure pixels before their targets (N, 2).
+@numba.njit(cache=True, nogil=True)
+def _hidden(points_px: Floats, normals: Floats, targets_px: Floats, near_unsure: Mask) -> Mask:
+    """Which of the rim's points (N, 2) meet unsure pixels before their targets (N, 2).
 
     On the way there, or as near along the normal, either side: what belongs to them may be there.
     """
-    points_px, normals = rim.points_px[rows], rim.normals[rows]
-    ways = targets_px - points_px
-    along = np.linalg.norm(ways, axis=1)[:, None] * normals
-    shares = np.linspace(0.0, 1.0, _WAY_POINTS)[:, None, None]
-    on_ways = np.concatenate([points_px + shares * way for way in (ways, along, -along)])
-    return np.asarray(look_up(near_unsure, on_ways).any(axis=0))
+    height, width = near_unsure.shape
+    hidden = np.zeros(len(points_px), np.bool_)
+    for n in range(len(points_px)):
+        x, y = points_px[n]
+        dx, dy = targets_px[n, 0] - x, targets_px[n, 1] - y
+        along = np.sqrt(dx * dx + dy * dy)
+        u, v = along * normals[n, 0], along * normals[n, 1]
+        for k in range(_WAY_POINTS):
+            share = k / (_WAY_POINTS - 1.0)
+            for way_x, way_y in ((dx, dy), (u, v), (-u, -v)):
+                column = min(max(int(np.rint(x + share * way_x)), 0), width - 1)
+                row = min(max(int(np.rint(y + share * way_y)), 0), height - 1)
+                hidden[n] |= near_unsure[row, column]
+    return hidden

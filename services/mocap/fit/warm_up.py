@@ -23,6 +23,7 @@ def warm_up() -> None:
     rig, poses = Rig(P_px_world, np.array([[128, 128]], np.int32)), np.zeros((1, N_DOF))
     with model_on_cpu(Actor(), rig) as model:
         seen = TriPlanes.sure(model.backend.coverage(poses, ALL_SURFACES, Region.whole(rig)))
+    seen.unsure[0, 0, 0, 0] = 1  # far from the body, but makes the fit heed unsure pixels
     contours = contours_of(rig, seen, 50)
     state = State(shape_space.vector_of(Actor()), poses)
     Fitting(rig, contours, Prior(poses)).run(state, FitStage((0, 1), ALL_DOFS, 4.0, 1), lambda: None)
