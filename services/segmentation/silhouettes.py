@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Protocol
 
 import cv2
@@ -192,12 +193,19 @@ class Segmenter:
         matte: returns the same one whenever it is called.
         """
 
+        single = cache(partial(SinglePictures, take, cameras))
+
+        def pictures_from(start: int, stop: int) -> Iterator[dict[int, Bytes]]:
+            if stop == start + 1:
+                return iter([single().read(start)])
+            return pictures_of(take, cameras, start, stop)
+
         def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
             pictures: Iterator[dict[int, Bytes]] | None = None
             for frame in range(start, stop):
                 trimaps = None if kept is None else kept.read(frame)
                 if pictures is None and (with_pictures or trimaps is None):
-                    pictures = pictures_of(take, cameras, frame, stop)
+                    pictures = pictures_from(frame, stop)
                 images = None if pictures is None else next(pictures)
                 if trimaps is None:
                     found = matte().trimaps(images or {})
@@ -244,6 +252,17 @@ class Segmenter:
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
         return (moment.trimaps for moment in self.moments(start, stop, with_pictures=False))
+
+
+class SinglePictures:
+    """Reads what some cameras of a take show in single frames; keeps the videos open."""
+
+    def __init__(self, take: Take, cameras: Sequence[Camera]) -> None:
+        self._pickers = [(take.picker(camera), take.settings.offset(camera.name)) for camera in cameras]
+
+    def read(self, frame: int) -> dict[int, Bytes]:
+        """Raw pictures (H, W, 3) by the cameras' position."""
+        return dict(enumerate(side_by_side(lambda of: of[0].read(frame + of[1]), self._pickers)))
 
 
 def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:
