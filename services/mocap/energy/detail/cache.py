@@ -4,6 +4,7 @@ import hashlib
 import logging
 import os
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from zipfile import BadZipFile
@@ -15,6 +16,7 @@ from services.mocap.body.actor import Body
 from services.mocap.body.surface import Level
 from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
 from services.mocap.errors import UserError
+from services.mocap.side_by_side import N_CORES
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +43,8 @@ def levels_of(body: Body) -> list[list[Level]]:
         with suppress(OSError):  # others may own it
             path.touch()
         return levels
-    levels = [thinned_levels(*surface) for surface in body.surfaces]
+    with ThreadPoolExecutor(N_CORES) as pool:  # one of its own: callers may be threads of side_by_side
+        levels = list(pool.map(thinned_levels, *zip(*body.surfaces, strict=True)))
     try:
         _write(path, levels)
     except (OSError, UserError) as error:
