@@ -7,12 +7,13 @@ segmenters as entry points of the group `xormocap.segmenters`.
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import cv2
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import AUTO as AUTO
 from services.mocap.take.segmenter_name import KINDS, USUAL, check_segmenter, kind_of
@@ -29,6 +30,7 @@ from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, Sepa
 _KEY_PICTURES = 8
 """Number of pictures from which a screen's colour is estimated."""
 
+_Learnt = TypeVar("_Learnt")
 PlateCheck: TypeAlias = Callable[[], None]
 """Warns if a recorded clean plate is not clean."""
 
@@ -136,19 +138,24 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> GroupMat
     """What a segmenter makes for some cameras; a UserError names the camera."""
     kind, _, argument = name.partition(":")
     row, cameras = KINDS.get(kind), [background.camera for background in backgrounds]
-    plates, mattes = [], list[Matte]()
-    for background in backgrounds:
-        try:
-            if row is None:
-                mattes.append(PluginMatte(kind, background.camera, background.mean_picture()))
-            elif kind == USUAL:
-                plates.append(background.plate())
-            else:
-                mattes.append(_MATTES[kind](background, argument))
-        except UserError as error:
-            if row is None or argument:  # says itself what it is about
-                raise
-            what = "clean plate of " if row.needs_plate else ""
-            where = f"{background.take.folder}: {what}{background.camera.name}"
-            raise UserError(f"{where}: {error}") from None
-    return JointMatte(cameras, plates) if kind == USUAL else SeparateMattes(cameras, mattes)
+
+    def learnt(learn: Callable[[CameraBackground], _Learnt]) -> list[_Learnt]:
+        """What is learnt of each camera."""
+
+        def of_camera(background: CameraBackground) -> _Learnt:
+            try:
+                return learn(background)
+            except UserError as error:
+                if row is None or argument:  # says itself what it is about
+                    raise
+                what = "clean plate of " if row.needs_plate else ""
+                where = f"{background.take.folder}: {what}{background.camera.name}"
+                raise UserError(f"{where}: {error}") from None
+
+        return side_by_side(of_camera, backgrounds)
+
+    if row is None:
+        return SeparateMattes(cameras, learnt(lambda b: PluginMatte(kind, b.camera, b.mean_picture())))
+    if kind == USUAL:
+        return JointMatte(cameras, learnt(CameraBackground.plate))
+    return SeparateMattes(cameras, learnt(lambda background: _MATTES[kind](background, argument)))
