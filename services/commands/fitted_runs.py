@@ -158,7 +158,7 @@ def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[st
     say(f"{job.out}: {_TURNED}")
     with _fit_folder() as fitted:
         write_fit(job.take, found, fitted)
-        return track_with_bar(forwards(replace(job, fitted=fitted, overlay=False, report=False)))
+        return track_with_bar(forwards(replace(job, fitted=fitted, overlay=False)))
 
 
 def _refined(
@@ -206,8 +206,8 @@ def _say_what_changed(job: TakeJob, before: Actor, after: Actor) -> None:
 
 
 def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, Any]:
-    """The report of the job with the actor of its first run, which left out overlay and report; if it went
-    forwards only, it is repeated both ways."""
+    """The report of the job with the actor of its first run, which drew no overlay; if it went forwards only,
+    it is repeated both ways."""
     if job.search.goes_both_ways and CORRECTED_FRAMES not in report:
         of_first = job.out / FIT_FOLDER
         with _fit_folder() as fitted:
@@ -215,6 +215,6 @@ def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, 
                 shutil.copytree(of_first, fitted, dirs_exist_ok=True)
                 job = replace(job, fitted=fitted)
             return track_with_bar(job)
-    made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ("report",)
+    made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
     write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
     return report

@@ -133,7 +133,7 @@ def track(
         forks = fork_server(job.kinds, Path(kept))  # it loads code while the actor is fitted
         if forks is not None:
             job = replace(job, forks=stack.enter_context(closing(forks)))
-        first = replace(job, overlay=overlay and not again, report=not again)  # the next run makes them
+        first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:
             report = fit_and_track(first, silhouettes, mesh, goes_on=again)
         else:

@@ -31,8 +31,6 @@ class TakeJob(Job):
     """Checked."""
     frames: range
     overlay: bool
-    report: bool = True
-    """Whether a run that is not stopped makes the report."""
     fitted: Path | None = None
     """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
     kept: Path | None = None
@@ -64,8 +62,7 @@ def track(
     if folder is not None:
         report = _completed(folder, job)
         keep_logs(logs, folder)
-        if job.report or was_stopped:
-            write_defaults(folder, load_result(folder), ("report",), warn)
+        write_defaults(folder, load_result(folder), ("report",), warn)
         is_settled = CORRECTED_FRAMES in report or not job.search.goes_both_ways
         if is_settled and report["take"]["frames"] == len(job.frames):
             return report
