@@ -24,7 +24,7 @@ from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
 from services.runs.take_silhouettes import TakeSilhouettes, trimaps_of
 from services.segmentation.foreign_plates import foreign_plates
-from services.segmentation.segmenters import chosen_segmenter
+from services.segmentation.segmenters import PlateCheck, chosen_segmenter
 
 CheckOption: TypeAlias = Annotated[
     bool,
@@ -64,8 +64,6 @@ class Comparison:
     outlines: Outlines
     mistakes: list[Mistake]
     """None of them certain."""
-    warnings: list[str]
-    """Of the segmentation."""
 
 
 def compare_cameras(silhouettes: TakeSilhouettes, frames: range) -> Comparison | None:
@@ -123,15 +121,20 @@ def _compared(
 
     moved: see outlines_of.
     """
-    take = silhouettes.take
+    take, plate_checks = silhouettes.take, list[PlateCheck]()
     with kept_warnings() as warnings:
-        cameras, outlines, _ = outlines_of(take, frames, progress, silhouettes.name, moved)
-    warnings.sort()  # the cameras are segmented side by side
-    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
-    for mistake in found:
-        if mistake.is_certain:
-            raise _refused(take, mistake, [*silhouettes.said, *warnings])
-    return Comparison(frames, cameras, outlines, found, warnings)
+        cameras, outlines, _ = outlines_of(
+            take, frames, progress, silhouettes.name, moved, plate_checks.append
+        )
+        found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
+        certain = [mistake for mistake in found if mistake.is_certain]
+        if certain:
+            for check in plate_checks:
+                check()
+    if certain:
+        # The cameras are segmented side by side, in any order.
+        raise _refused(take, certain[0], [*silhouettes.said, *sorted(warnings)])
+    return Comparison(frames, cameras, outlines, found)
 
 
 def _mistakes(
@@ -155,7 +158,7 @@ def _mistakes(
     compared, first, moved = before, _first_of(silhouettes, frames), silhouettes.segmenter.moved()
     if compared is None or compared.frames != first or moved:
         compared = _compared(silhouettes, first, progress, moved)
-    yield from map(_mistake_of, compared.warnings)
+    yield from map(_mistake_of, silhouettes.remarks)
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in compared.mistakes if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in compared.mistakes):

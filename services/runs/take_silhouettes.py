@@ -11,6 +11,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps
 from services.mocap.search.plausibility import look_first
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
 from services.runs.reporting import kept_warnings
@@ -49,7 +50,7 @@ class TakeSilhouettes:
             made = make_segmenter(
                 self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept
             )
-        self.said = said
+        self.said = sorted(said)  # cameras are learnt side by side
         return made
 
     @property
@@ -64,9 +65,8 @@ class TakeSilhouettes:
         """What is wrong with the empty stage, after clean plates were checked, 0.25 s each."""
         _ = self.segmenter
         with kept_warnings() as of_plates:
-            for check in self._plate_checks:
-                check()
-        return [*self.said, *of_plates]
+            side_by_side(lambda check: check(), self._plate_checks)
+        return [*self.said, *sorted(of_plates)]
 
 
 def seen_of(

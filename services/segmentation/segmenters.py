@@ -152,7 +152,10 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> GroupMat
                 where = f"{background.take.folder}: {what}{background.camera.name}"
                 raise UserError(f"{where}: {error}") from None
 
-        return side_by_side(of_camera, backgrounds)
+        # Estimates keep many pictures, and others' segmenters may not stand it.
+        if kind == USUAL and all(background.is_recorded for background in backgrounds):
+            return side_by_side(of_camera, backgrounds)
+        return [of_camera(background) for background in backgrounds]
 
     if row is None:
         return SeparateMattes(cameras, learnt(lambda b: PluginMatte(kind, b.camera, b.mean_picture())))

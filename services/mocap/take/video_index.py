@@ -5,6 +5,7 @@ reading starts in the middle of a file.
 """
 
 from bisect import bisect_left
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +26,7 @@ _LONGEST_NOT_CODED = 19
 """Bytes: FFmpeg takes an MPEG-4 packet up to this long for one that only says "as before"."""
 _REDUCING = Interpolation.AREA | 0x2000
 """FFmpeg's SWS_AREA with SWS_FULL_CHR_H_INT, without which it halves the colours' resolution once more."""
-_INDICES_KEPT = 64
+_INDICES_KEPT = 256
 """To read all packets takes as long as to read the file."""
 _CODECS_WITH_NOT_CODED = ("mpeg4",)
 _CODECS_OUT_OF_ORDER = ("h264", "hevc")
@@ -71,15 +72,15 @@ def index_video(path: Path) -> VideoIndex:
 
     Raises TakeError if the file is missing, contains no video or is cut off.
     """
-    try:
+    written = (0, 0, 0)
+    with suppress(OSError):  # opened_video says what is wrong
         state = path.stat()
-    except OSError:
-        raise TakeError(f"{path}: is missing: expected a video") from None
-    return _index(path, state.st_size, state.st_mtime_ns)
+        written = (state.st_ino, state.st_size, state.st_mtime_ns)
+    return _index(path, written)
 
 
 @lru_cache(_INDICES_KEPT)
-def _index(path: Path, _size: int, _written_ns: int) -> VideoIndex:
+def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
     with opened_video(path) as container:
         stream = video_stream(container, path)
         packets = every = _packets(container, stream, path)

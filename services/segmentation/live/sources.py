@@ -4,7 +4,6 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from threading import Event
 from typing import TypeAlias
@@ -18,7 +17,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take.live_settings import LiveCamera
 from services.mocap.take.video import VideoReader
-from services.mocap.take.video_index import VideoIndex, bgr_picture, index_video
+from services.mocap.take.video_index import bgr_picture, index_video
 from services.mocap.types import Bytes
 
 _OPEN_S, _READ_S = 5.0, 1.5
@@ -62,7 +61,7 @@ class FileSource:
         self._stopped, self._path, self._passed_over = stopped, path, passed_over
         try:
             self._identity = _identity(path)
-            self._index = _indexed(path, self._identity)
+            self._index = index_video(path)
         except TakeError as problem:
             raise SourceLostError(str(problem)) from None
         self._due_s = begin_s + self._index.times_s - self._index.times_s[0]
@@ -113,12 +112,6 @@ class FileSource:
         """Close the file."""
         if self._reader is not None:
             self._reader.close()
-
-
-@lru_cache(maxsize=256)
-def _indexed(path: Path, identity: tuple[int, int]) -> VideoIndex:  # noqa: ARG001  (part of the cache's key)
-    """The index of a file; cached for when its camera is plugged in again."""
-    return index_video(path)
 
 
 def _identity(path: Path) -> tuple[int, int]:
@@ -225,8 +218,8 @@ def check_file(source: LiveCamera, camera: Camera) -> None:
             "configuration"
         )
     try:
-        index = _indexed(path, _identity(path))
-    except (SourceLostError, TakeError) as problem:
+        index = index_video(path)
+    except TakeError as problem:
         raise UserError(f"[cameras.{camera.name}] source: {problem}") from None
     check_size_of(str(source.source), camera, index.height_px, index.width_px)
 
