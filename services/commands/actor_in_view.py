@@ -46,7 +46,7 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
     with kept_warnings():  # what comes after this says them again
         if _cameras_that_see(take, frames.start, made, of_other_faults=1):
             return frames
-        looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]
+        looks = frames[:: max(_EVERY, -(-len(frames) // _MOST_LOOKS))][1:]
         best, most, n_further = frames.start, 0, _FURTHER_LOOKS
         for frame in looks:
             progress((frame - frames.start) / len(frames))

@@ -1,5 +1,6 @@
 """Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
 
+import shlex
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -85,7 +86,8 @@ def fit_and_track(
         imported = import_mesh(mesh)
         own, warnings = imported.mesh, list(imported.remarks)
     if not goes_on:
-        command = f"xormocap fit {take.folder}{'' if mesh is None else f' --mesh {mesh}'}"
+        words = ["xormocap", "fit", str(take.folder), *(() if mesh is None else ("--mesh", str(mesh)))]
+        command = shlex.join(words)
         say(f"the body is fitted for this run; {command} stores one in the take")
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     first = init_frames(take, start=job.frames.start, is_refined_next=goes_on)
@@ -201,7 +203,8 @@ def _say_what_changed(job: TakeJob, before: Actor, after: Actor) -> None:
     rows = zip(*(measure(build_body(actor.bare)) for actor in (before, after)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
-    stored = f"xormocap fit {job.take.folder} --refine {job.out} stores this body in the take"
+    command = shlex.join(["xormocap", "fit", str(job.take.folder), "--refine", str(job.out)])
+    stored = f"{command} stores this body in the take"
     say(f"the body was fitted again, to frames of the whole take; {changed}; {stored}")
 
 

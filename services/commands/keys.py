@@ -66,6 +66,7 @@ def new(
 def add(folder: Folder, names: Names) -> None:
     """Make keys for more clients and give them access."""
     _require_keys(folder)
+    names = list(dict.fromkeys(names))
     for name in names:
         _check_name(name)
         if (folder / name).exists() or _listed(folder, name).exists():
@@ -79,6 +80,7 @@ def add(folder: Folder, names: Names) -> None:
 def revoke(folder: Folder, names: Names) -> None:
     """Revoke the access of clients and delete their keys."""
     _require_keys(folder)
+    names = list(dict.fromkeys(names))
     for name in names:
         _check_name(name)
         if not _listed(folder, name).exists():

@@ -88,8 +88,6 @@ def live(
         return
     say(body_in_words(take, job.fit, with_colours=search.colour > 0), stderr)
     report = _track(job)
-    if report is None:
-        raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
     conclude(folder, record, port if watch else None, strict=strict)
 
@@ -120,17 +118,18 @@ def _groups_to_serve(config: Path, take: LiveTake, group: str | None, record: Pa
     return [group]
 
 
-def _track(job: LiveJob) -> dict[str, Any] | None:
+def _track(job: LiveJob) -> dict[str, Any]:
     """Track with a progress line; warnings are printed at the end."""
     warnings: list[str] = []
-    with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
+    try:
+        with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
 
-        def show(progress: Progress) -> None:
-            line.update(Text(live_in_words(progress)))
+            def show(progress: Progress) -> None:
+                line.update(Text(live_in_words(progress)))
 
-        report = track_live(job, show=show, warn=warnings.append)
-    warn(warnings)
-    return report
+            return track_live(job, show=show, warn=warnings.append)
+    finally:
+        warn(warnings)
 
 
 def _colours_in_words(take: LiveTake, fit: Path | None) -> str:
@@ -176,7 +175,7 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     for where in DROPPED_BY:
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
         same = len(set(drops.values())) <= 1
-        by_camera = ", ".join(f"{name} {count}" for name, count in drops.items())
+        by_camera = escape(", ".join(f"{name} {count}" for name, count in drops.items()))
         table.add_row(f"dropped by {where}", f"{max(drops.values(), default=0)}" if same else by_camera)
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))

@@ -3,6 +3,7 @@
 import os
 import shutil
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import numpy as np
@@ -11,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from services.commands.consoles import say, stdout, table_of, warn
-from services.mocap.atomic import write_file
+from services.mocap.atomic import make_folder, write_file
 from services.mocap.camera.calibration import Up, read_calibration, write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.formats import read_any
@@ -71,7 +72,7 @@ def new(
         check_video_size(indices[camera.name], camera)
         if camera.name in plates:
             check_plate(plates[camera.name], camera, decoded=False)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
     for name, path in plates.items():
@@ -155,9 +156,10 @@ def _tell(
     folder = settings.parent
     say(str(settings))
     if not has_cameras:
-        say(f"next: xormocap calibrate CLIPS --out {folder / layout.CALIBRATION}, or --import a calibration")
+        calibration = quote(str(folder / layout.CALIBRATION))
+        say(f"next: xormocap calibrate CLIPS --out {calibration}, or --import a calibration")
     background = layout.background_video_path(folder, "<camera>")
     if not background.parent.is_dir():
         say(f"next: record the empty stage as {background}; without it, it is estimated")
-    say(f"next: xormocap sync {folder}, if the cameras have no common trigger")
-    say(f"next: xormocap track {folder}")
+    say(f"next: xormocap sync {quote(str(folder))}, if the cameras have no common trigger")
+    say(f"next: xormocap track {quote(str(folder))}")

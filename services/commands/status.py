@@ -89,10 +89,10 @@ def _services(told: Telemetry) -> Table:
     for name, backend in sorted(told.workers.items()):
         role, _, where = name.partition("@")
         limb = told.limbs.get(name)
-        table.add_row(role, Text(where), Text(backend), limb.replace("_", " ") if limb else "idle")
+        table.add_row(Text(role), Text(where), Text(backend), limb.replace("_", " ") if limb else "idle")
     for name, end in sorted(told.recorders.items()):
         role, _, where = name.partition("@")
-        table.add_row(role, Text(where), "", f"{max(end - told.first_frame, 0)} frames on disk")
+        table.add_row(Text(role), Text(where), "", f"{max(end - told.first_frame, 0)} frames on disk")
     return table
 
 
@@ -111,7 +111,7 @@ def _numbers(told: Telemetry) -> Table:
     """Milliseconds of the last frame, queues, drops."""
     table = Table(show_header=False, box=None)
     stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in told.seconds.items()]
-    table.add_row("last frame, ms", ", ".join(stages) or "none yet")
+    table.add_row("last frame, ms", Text(", ".join(stages) or "none yet"))
     if told.latency_s:
         median_ms, p95_ms = (_IN_MS(1000 * told.latency_s[name]) for name in ("median", "p95"))
         table.add_row("shutter to pose, ms", f"median {median_ms}, 95 % below {p95_ms}")
@@ -119,7 +119,7 @@ def _numbers(told: Telemetry) -> Table:
     table.add_row("frames not on disk", f"{told.unrecorded}")
     for name, count in told.counts.items():
         style = "yellow" if count and name != "retries" else ""
-        table.add_row(name.replace("_", " "), Text(f"{count}", style=style))
+        table.add_row(Text(name.replace("_", " ")), Text(f"{count}", style=style))
     return table
 
 

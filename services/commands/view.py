@@ -59,6 +59,7 @@ def tell_page(port: int) -> str:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             trial.bind((LOOPBACK, port))
+            port = trial.getsockname()[1]  # of 0 a free one
         except OSError as problem:
             reason = (problem.strerror or "is in use").lower()
             raise UserError(f"--port {port}: {reason}: choose another") from None

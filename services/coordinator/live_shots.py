@@ -80,6 +80,7 @@ class ReceivedShot:
     """The received part of a shot."""
 
     arrived_s: float
+    n_bytes: int = 0
     places: dict[int, tuple[TriPlanes, int]] = field(default_factory=dict)
     """Planes of each camera that has come, and its place in them."""
     times_s: dict[int, float] = field(default_factory=dict)
@@ -105,10 +106,8 @@ class UnsolvedShots:
         planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
         shot.places |= {camera: (planes, k) for k, camera in enumerate(message.cameras)}
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
-        if (
-            len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes + planes.sent_classes.nbytes)
-            > _KEPT_BYTES
-        ):
+        shot.n_bytes += planes.silhouettes.nbytes + planes.unsure.nbytes + planes.sent_classes.nbytes
+        if sum(one.n_bytes for one in self._shots.values()) > _KEPT_BYTES:
             self._pass_over(min(self._shots))
 
     def _pass_over(self, number: int) -> None:

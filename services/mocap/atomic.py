@@ -1,5 +1,6 @@
 """Files and folders that appear completely or not at all: written under a temporary name, then renamed."""
 
+import os
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -15,13 +16,16 @@ def _sibling(target: Path) -> Path:
     return target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
 
 
-def _make_parent(target: Path) -> None:
+def make_folder(folder: Path) -> None:
+    """Create a folder if it is missing; raises UserError if it cannot be created or written to."""
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise UserError(
-            f"{target.parent}: cannot be created ({problem.strerror}): choose a writable folder"
+            f"{folder}: cannot be created ({problem.strerror}): choose a writable folder"
         ) from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(f"{folder}: cannot be written to: choose a writable folder")
 
 
 @contextmanager
@@ -30,7 +34,7 @@ def atomic_file(target: Path) -> Iterator[Path]:
 
     After an exception nothing is left, and an older `target` is unchanged. The folder is created if missing.
     """
-    _make_parent(target)
+    make_folder(target.parent)
     part = _sibling(target)
     try:
         yield part
@@ -54,7 +58,7 @@ def atomic_folder(target: Path) -> Iterator[Path]:
     """
     if target.exists() and not (target.is_dir() and not any(target.iterdir())):
         raise UserError(f"{target}: already exists: remove it or choose another name")
-    _make_parent(target)
+    make_folder(target.parent)
     part = _sibling(target)
     try:
         part.mkdir()

@@ -73,7 +73,7 @@ def fit_take(
     def fit_to(some: range, show: Show) -> TakeFit:
         return fit_past_furniture(
             partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some),
-            silhouettes.segmenter.blind,
+            lambda: silhouettes.segmenter.blind(),
             show,
         )
 

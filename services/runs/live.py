@@ -51,10 +51,10 @@ def live(
     *,
     show: Callable[[Progress], None],
     warn: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any] | None:
+) -> dict[str, Any]:
     """Track live until a stop is requested or all sources are files that have ended; returns run.json.
 
-    None where no pose was found. show, warn, and what is raised: as run_services.
+    show, warn, and what is raised: as run_services; UserError, too, where no pose was found.
     """
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     nice = ("--nice", str(_NICENESS))
@@ -71,15 +71,9 @@ def live(
     before_ns = written_ns(job.out)
     with recording_to(job.record):
         logs, _, told = run_services(job, setup, show, warn)
-    if job.record is not None and not part_of(job.record).exists():
-        warn(f"{job.record}: no picture came, so nothing was recorded")
-    elif job.record is not None:
-        away = finish_recording(job.take, job.record)
-        if away:
-            warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
     if written_ns(job.out) == before_ns:
-        shutil.rmtree(logs, ignore_errors=True)
-        return None
+        _finish_recording(job, warn)
+        raise UserError(f"{job.config}: nobody was tracked: the logs in {logs} say why")
     keep_logs(logs, job.out)
     if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
         copy_learnt(job.fit, job.out / FIT_FOLDER)
@@ -91,7 +85,18 @@ def live(
             if "settled_median" in (latency_s := told.latency_s):
                 settled_s = {which: latency_s[f"settled_{which}"] for which in ("median", "p95")}
                 report["live"]["settled_latency_s"] = settled_s
+    _finish_recording(job, warn)
     return report
+
+
+def _finish_recording(job: LiveJob, warn: Callable[[str], None]) -> None:
+    """Make a take of what was recorded; raises as finish_recording."""
+    if job.record is None:
+        return
+    if not part_of(job.record).exists():
+        warn(f"{job.record}: no picture came, so nothing was recorded")
+    elif away := finish_recording(job.take, job.record):
+        warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
 
 
 def _cameras(job: LiveJob, group: str) -> Words:

@@ -13,6 +13,7 @@ from proto.messages import Telemetry
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import UserError
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import LOGS, RUN_JSON
 from services.mocap.search.settings import SearchSettings
@@ -119,6 +120,9 @@ def run_services(
                     warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
+    except UserError:  # says all that the logs could
+        shutil.rmtree(logs, ignore_errors=True)
+        raise
     return logs, stop.count > 0, told
 
 

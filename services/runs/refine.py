@@ -220,8 +220,13 @@ def result_of(take: Take, folder: Path) -> Result:
     """A result of a take; raises UserError if it belongs to another take."""
     found = load_result(folder)
     name = found.run.get("take", {}).get("name", take.settings.name)
-    if name != take.settings.name or found.frames[-1] >= take.settings.frames:
+    if name != take.settings.name:
         raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
+    if found.frames[-1] >= take.settings.frames:
+        raise UserError(
+            f"--refine {found.folder}: has frame {found.frames[-1]}, but {take.folder} only "
+            f"{take.settings.frames} frames: track it again"
+        )
     return found
 
 

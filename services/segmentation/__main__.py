@@ -118,7 +118,7 @@ class Sender:
         if self._credit is None:
             return False
         if self._unsent is None:
-            if self._moments is None or self._next >= self._credit.end_frame:
+            if self._moments is None or self._next >= min(self._credit.end_frame, self._take.settings.frames):
                 return False
             about(frame=self._next)
             with SECONDS.time():

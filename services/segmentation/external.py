@@ -53,12 +53,8 @@ class OnnxMatte:
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap. Raises UserError for no such output."""
-        feeds = {
-            put.name: _as_input(picture, put.shape, _TYPES[put.type])
-            for put, picture in zip(self._inputs, [image_bgr, *self._plates], strict=True)
-        }
         height, width = image_bgr.shape[:2]
-        for output in self._session.run(None, feeds):
+        for output in self._outputs(image_bgr):
             opacity = np.squeeze(output).astype(np.float32)
             if opacity.ndim == 2:
                 whole = cv2.resize(opacity, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -67,6 +63,18 @@ class OnnxMatte:
                 trimap[cv2.morphologyEx(half, cv2.MORPH_OPEN, _WIDER_THAN_A_RIM) > 0] = UNSURE
                 return trimap
         raise UserError(f"{self._file}: expected an output of one channel, the actor's opacity from 0 to 1")
+
+    def _outputs(self, image_bgr: Bytes) -> list[NDArray[Any]]:
+        """What the network makes of a picture; raises UserError if it fails."""
+        try:
+            feeds = {
+                put.name: _as_input(picture, put.shape, _TYPES[put.type])
+                for put, picture in zip(self._inputs, [image_bgr, *self._plates], strict=True)
+            }
+            return list(self._session.run(None, feeds))
+        except Exception as problem:
+            reason = next(iter(str(problem).splitlines()), type(problem).__name__)
+            raise UserError(f"{self._file}: failed on a picture ({reason}): export it again") from problem
 
 
 def _session(file: Path) -> Any:
@@ -122,8 +130,16 @@ class PluginMatte:
             ) from problem
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap. Raises UserError for an answer that is no mask and no trimap."""
-        answer = np.asarray(self._plugin.silhouette(image_bgr))
+        """See Matte.trimap. Raises UserError if it fails, or answers no mask and no trimap."""
+        try:
+            answer = np.asarray(self._plugin.silhouette(image_bgr))
+        except UserError:
+            raise
+        except Exception as problem:
+            raise UserError(
+                f"--segmenter {self._name}: failed on a picture ({type(problem).__name__}: {problem}): ask "
+                "its authors"
+            ) from problem
         if answer.dtype not in (np.bool_, np.uint8) or answer.shape != self._shape:
             raise UserError(
                 f"--segmenter {self._name}: expected masks of (height, width) {self._shape} and type bool "

@@ -68,3 +68,12 @@ def test_lenses_of_an_unknown_format_are_refused_without_an_option_that_lenses_l
     with pytest.raises(UserError, match="not a known calibration format") as refused:
         CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
     assert "--from" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "words", [("--scale", "0"), ("--scale", "-1"), ("--scale", "nan"), ("--size", "0x480")]
+)
+def test_scales_and_sizes_that_cannot_be(biocv: Path, tmp_path: Path, words: tuple[str, str]) -> None:
+    with pytest.raises(UserError, match=f"{words[0]} {words[1]}: expected"):
+        convert(biocv, "--out", tmp_path / "out.toml", *words)
+    assert not (tmp_path / "out.toml").exists()

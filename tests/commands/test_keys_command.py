@@ -73,10 +73,10 @@ def test_keys_are_never_replaced(tmp_path: Path) -> None:
 def test_added_revoked_and_listed(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
     keys("new", folder, "--clients", "ann")
-    keys("add", folder, "bob", "eve")
+    keys("add", folder, "bob", "eve", "bob")
     bob = client_keys(folder, "bob")
     assert bob.public.decode() in keys("list", folder)
-    keys("revoke", folder, "bob")
+    keys("revoke", folder, "bob", "bob")
     assert names(folder) == {"ann", "eve"}
     assert not (folder / "bob").exists()
     assert bob.public.decode() not in keys("list", folder)

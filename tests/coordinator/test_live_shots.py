@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from services.coordinator.live_shots import Pace
+from proto.messages import LiveSilhouettes
+from services.coordinator.live_shots import Pace, UnsolvedShots
 
 _PERIOD_S = 1 / 15
 
@@ -48,3 +49,18 @@ def test_another_one_goes_on_with_it() -> None:
     assert other.has_begun
     assert other.due_s(500) == pytest.approx(pace.due_s(500), abs=1e-5)
     assert other.since_first_s(0.0) == pytest.approx(pace.since_first_s(0.0), abs=1e-5)
+
+
+def test_unsolved_shots_of_several_messages_each_take_no_more_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each message has 2 * 48 * 64 bytes, two of them are a shot, and there is room for five messages."""
+    monkeypatch.setattr("services.coordinator.live_shots._KEPT_BYTES", 5 * 2 * 48 * 64)
+    shots, planes = UnsolvedShots(4), np.zeros((1, 48, 64), np.uint8)
+    for shot in range(4):
+        for cameras in ([0, 1], [2, 3]):
+            message = LiveSilhouettes(
+                take="stage", run="a" * 32, shot=shot, cameras=cameras, times_s=[0.0, 0.0], planes=planes,
+                unsure=planes,
+            )  # fmt: skip
+            shots.add(message, 0.0)
+    assert shots.whole({0, 1, 2, 3}, 4, 0.0) == [2, 3]
+    assert shots.passed.tolist() == [2, 2, 2, 2]

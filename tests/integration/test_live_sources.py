@@ -11,6 +11,7 @@ import pytest
 
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.take.writer import video_writer
 from services.runs.launcher import free_port
 
@@ -83,7 +84,7 @@ def test_a_network_camera_that_does_not_answer_is_a_warning_and_the_run_begins(
     stage: Path, refused: Callable[..., str], taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The run ends as if nobody had been tracked."""
-    track, free = Mock(return_value=None), free_port()
+    track, free = Mock(side_effect=UserError("nobody was tracked")), free_port()
     monkeypatch.setattr("services.commands.live.track_live", track)
     sources = ["7777", f'"http://127.0.0.1:{taken}/2"', f'"rtsp://user:secret@127.0.0.1:{free}/1"']
     warning, *_, last = said_of(stage, refused, sources).splitlines()

@@ -107,6 +107,17 @@ def test_results_of_another_take_are_refused(
     assert "is of 'another', not of 'walk'" in said
 
 
+def test_results_with_more_frames_than_the_take_are_refused(
+    known_take: Path, result: Path, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    shorter = tmp_path / "shorter"
+    shutil.copytree(known_take, shorter)
+    settings = shorter / "take.toml"
+    settings.write_text(re.sub(r"frames = \d+", "frames = 4", settings.read_text()))
+    said = refused("fit", shorter, "--refine", result)
+    assert re.search(r"has frame \d+, but .* only 4 frames: track it again", said)
+
+
 def test_one_frame_is_too_few(known_take: Path, tracked: Path, refused: Callable[..., str]) -> None:
     said = refused("fit", known_take, "--refine", tracked, "--frames", 1, "--force")
     assert "--frames 1: expected at least 2 with --refine" in said

@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -152,6 +153,11 @@ class Doubtful(Stencil):
     doubt: ClassVar[int] = UNSURE
 
 
+class Failing(Stencil):
+    def silhouette(self, image_bgr: Bytes) -> Any:
+        raise ValueError(f"no memory for {image_bgr.shape}")
+
+
 class Wrong(Stencil):
     def silhouette(self, image_bgr: Bytes) -> Any:
         return super().silhouette(image_bgr).astype(np.float32)
@@ -159,9 +165,10 @@ class Wrong(Stencil):
 
 @pytest.fixture
 def plug_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Entry points stencil, doubtful and wrong, as installed packages would have them."""
+    """Entry points stencil, doubtful, wrong and failing, as installed packages would have them."""
     installed = EntryPoints(
-        EntryPoint(name, f"{__name__}:{name.title()}", GROUP) for name in ("stencil", "doubtful", "wrong")
+        EntryPoint(name, f"{__name__}:{name.title()}", GROUP)
+        for name in ("stencil", "doubtful", "wrong", "failing")
     )
     for module in ("mocap.take.segmenter_name", "segmentation.external"):
         monkeypatch.setattr(f"services.{module}.entry_points", lambda **asked: installed.select(**asked))
@@ -188,6 +195,14 @@ def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
     take = open_take(small_take())
     made = make_segmenter(take, take.cameras, "wrong")
     with pytest.raises(UserError, match=r"--segmenter wrong: expected masks of .* got .* of float32"):
+        next(made.trimaps(0, 1))
+
+
+@pytest.mark.usefixtures("plug_ins")
+def test_a_plug_in_that_fails_on_a_picture(small_take: SmallTake) -> None:
+    take = open_take(small_take())
+    made = make_segmenter(take, take.cameras, "failing")
+    with pytest.raises(UserError, match=r"--segmenter failing: failed on a picture \(ValueError: no memory"):
         next(made.trimaps(0, 1))
 
 
@@ -248,6 +263,16 @@ def test_what_a_network_does_not_know_is_unsure(
     trimap = next(made.raw_moments(0, 1)).trimaps[0]
     assert (trimap[:7] == UNSURE).all() == unsure
     assert not (trimap[10:] == UNSURE).any()
+
+
+def test_a_network_that_fails_on_a_picture(
+    small_take: SmallTake, network: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RedNetwork, "run", Mock(side_effect=RuntimeError("wrong shape\nmore")))
+    take = open_take(small_take())
+    made = make_segmenter(take, take.cameras, f"onnx:{network}")
+    with pytest.raises(UserError, match=r"red\.onnx: failed on a picture \(wrong shape\): export it again"):
+        next(made.raw_moments(0, 1))
 
 
 def test_a_network_that_wants_a_plate_or_something_else(

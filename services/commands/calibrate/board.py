@@ -106,7 +106,7 @@ def board_of(said: dict[str, Any], clips: Path | None) -> Board:
         what = "a sheet of ArUco markers" if is_sheet else f"a {fields.get('kind', 'charuco')} board"
         raise UserError(f"{other} {unfit}: {what} is described by {option} CxR")
     if size is not None:
-        columns, cross, rows = size.lower().partition("x")
+        columns, cross, rows = str(size).lower().partition("x")
         if not (cross and columns.isdecimal() and rows.isdecimal()):
             what = "markers" if is_sheet else "squares"
             raise UserError(f"{option} {size}: expected {what} in a row and rows, such as 7x10")

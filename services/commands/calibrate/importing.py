@@ -1,5 +1,6 @@
 """`xormocap calibrate --import FILE`: converts calibrations of other tools."""
 
+import math
 import re
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -12,7 +13,7 @@ from services.mocap.camera.calibration import Up, write_opencv, write_pose2sim
 from services.mocap.camera.formats import Axis, Format, Units, UnknownFormatError, read_any
 from services.mocap.errors import UserError
 
-_SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
+_SIZE = re.compile(r"([1-9]\d{0,4})[xX]([1-9]\d{0,4})")
 Target: TypeAlias = Literal["pose2sim", "opencv"]
 
 
@@ -35,6 +36,8 @@ def import_calibration(
     """
     if out is None:
         raise UserError("calibrate --import: expected --out, the file or folder to write")
+    if not (math.isfinite(scale) and scale > 0):
+        raise UserError(f"--scale {scale:g}: expected a number above 0")
     match = None if size is None else _SIZE.fullmatch(size)
     if size is not None and match is None:
         raise UserError(f"--size {size}: expected width and height in pixels, such as 1920x1080")

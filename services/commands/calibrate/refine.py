@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from rich.markup import escape
@@ -62,9 +63,12 @@ def refine_take(folder: Path, result: Path, out: Path | None) -> None:
         for old, new in zip(take.calibrated, refined.cameras, strict=True)
     )
     write_calibration(out, tuple(moved), take.settings.up)
+    old, new, kept, take_folder, results = (
+        quote(str(path)) for path in (calibration, out, folder / _REPLACED, folder, result)
+    )
     say(
-        f"{out}; to track with it: mv {calibration} {folder / _REPLACED} && mv {out} {calibration} && "
-        f"xormocap track {folder} --out {result}"
+        f"{out}; to track with it: mv {old} {kept} && mv {new} {old} && "
+        f"xormocap track {take_folder} --out {results}"
     )
 
 

@@ -49,18 +49,21 @@ class Journal:
             ) from None
         try:
             _lock(self._file, fcntl.LOCK_EX, path)
+            size, self._end = os.fstat(self._file).st_size, FIRST
+            for _, _, end in records(self._file, path):
+                self._end = end
+            if size < FIRST:
+                os.pwrite(self._file, _HEADER, 0)
+            os.ftruncate(self._file, self._end)
+            os.fsync(self._file)
         except UserError:
             os.close(self._file)
             raise
-        size, self._end = os.fstat(self._file).st_size, FIRST
-        for _, _, end in records(self._file, path):
-            self._end = end
+        except OSError as problem:
+            os.close(self._file)
+            raise UserError(f"{path}: cannot be written ({problem.strerror}): free some disk space") from None
         self.torn_bytes = max(size - self._end, 0)
         """How much was cut off."""
-        if size < FIRST:
-            os.pwrite(self._file, _HEADER, 0)
-        os.ftruncate(self._file, self._end)
-        os.fsync(self._file)
         self._is_synced = True
 
     def records(self) -> Iterator[tuple[int, list[bytes]]]:

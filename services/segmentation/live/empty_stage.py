@@ -27,7 +27,8 @@ log = logging.getLogger(__name__)
 
 
 def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: StopRequest) -> LiveTake:
-    """Store the cameras' present pictures as clean plates in a folder; returns the take with these.
+    """Store the cameras' present pictures as clean plates in a folder; returns the take with these,
+    or as it is if a stop is requested.
 
     For a file, its first seconds are used. Raises UserError if a camera delivers no pictures.
     """
@@ -41,6 +42,8 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
             feed.stop()
         for feed in feeds.values():
             feed.join()
+    if stop:
+        return take
     for c, pictures in seen.items():
         camera = take.calibrated[c]
         if len(pictures) < _FEWEST:

@@ -63,6 +63,10 @@ class Feed:
                 self._stopped.wait(_REOPEN_EVERY_S)
             except UserError as problem:
                 self.problem, self.has_ended = problem, True
+            except Exception as problem:
+                log.exception("%s cannot be read", name)
+                what = f"{type(problem).__name__}: {problem}"
+                self.problem, self.has_ended = UserError(f"{name}: cannot be read ({what})"), True
 
     def _read_all(self) -> None:
         """Read a source to its end; raises SourceLostError."""

@@ -5,7 +5,6 @@ import queue
 import threading
 from pathlib import Path
 
-import av
 import numpy as np
 
 from services.mocap.camera.camera import Camera
@@ -73,7 +72,7 @@ class CameraRecording:
             self._write_all()
         except UserError as error:
             self._give_up(error)
-        except (OSError, av.FFmpegError) as error:
+        except Exception as error:  # whatever it is, nobody may wait for room in the queue
             self._give_up(UserError(f"{self._folder}: cannot record there: {error}"))
 
     def _give_up(self, problem: UserError) -> None:

@@ -181,6 +181,8 @@ def serve_live(
                 closing.enter_context(tempfile.TemporaryDirectory(prefix="xormocap-stage-"))
             )
             take = see_empty_stage(take, cameras, kept, stop)
+            if stop:
+                return
         silhouetter = Silhouetter(take, cameras, segmenter, fitted)
         talk = Talk(take, cameras, endpoint, keys)
         closing.callback(talk.close)

@@ -140,15 +140,16 @@ class StreamSource:
         """Wait for the next picture: a stream never ends permanently. Raises SourceLostError."""
         try:
             frame = next(self._frames, None)
+            if frame is None:
+                raise SourceLostError(f"{place_of(self._settings.source)}: the stream has ended")
+            arrived_s = time.monotonic()
+            image = bgr_picture(frame, self._converter)
         except (av.error.FFmpegError, OSError) as problem:
             raise SourceLostError(f"{place_of(self._settings.source)}: {_reason(problem)}") from None
-        if frame is None:
-            raise SourceLostError(f"{place_of(self._settings.source)}: the stream has ended")
-        arrived_s = time.monotonic()
         taken_s = arrived_s
         if self._settings.has_stamps and frame.time is not None:
             taken_s = self._clock.taken_s(frame.time, arrived_s)
-        return Picture(bgr_picture(frame, self._converter), taken_s - self._settings.delay_s)
+        return Picture(image, taken_s - self._settings.delay_s)
 
     def close(self) -> None:
         """Close the device or the connection."""

@@ -148,6 +148,7 @@ def test_cameras_are_found_by_pictures_of_a_sheet(scene: Scene, tmp_path: Path) 
     [
         ({"squares": "4x5"}, "--squares 4x5: a sheet of ArUco markers is described by --markers CxR"),
         ({"kind": "charuco"}, "--markers 4x5: a charuco board is described by --squares CxR"),
+        ({"markers": 5}, "--markers 5: expected markers in a row and rows, such as 7x10"),
         ({"gap_m": None}, "--marker METRES and --gap METRES"),
         ({"markers": "1x1"}, "columns: expected 2 or more markers on a sheet"),
         ({"markers": "8x8"}, "4x4_50 holds 50 markers, but a sheet of 8x8 markers needs 64"),

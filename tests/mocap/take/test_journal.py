@@ -139,3 +139,12 @@ def test_other_files_are_not_taken_for_journals(tmp_path: Path) -> None:
     with pytest.raises(TakeError, match="is not a journal of this version: remove it"):
         Journal(tmp_path / JOURNAL)
     assert (tmp_path / JOURNAL).read_text() == "frame,time_s\n"
+
+
+def test_what_is_no_journal_is_left_to_others(tmp_path: Path) -> None:
+    path = tmp_path / JOURNAL
+    path.write_bytes(b"something else")
+    for _ in range(2):  # a lock that was kept would make it another error
+        with pytest.raises(TakeError):
+            Journal(path)
+    assert path.read_bytes() == b"something else"

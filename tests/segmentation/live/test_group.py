@@ -1,5 +1,6 @@
 """A group's silhouettes of a shot are those that the same pictures get in a recorded take."""
 
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,7 @@ from services.mocap.take.live import open_live
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Mask
-from services.segmentation.live.group import Group
+from services.segmentation.live.group import Feed, Group
 from services.segmentation.live.serving import Silhouetter
 from services.segmentation.live.shots import CoordinatorClock, Shot, Taken
 from services.segmentation.segmenters import make_segmenter
@@ -144,3 +145,13 @@ def test_pictures_are_recorded_as_they_are_and_reduced_for_silhouettes(folder: P
     for camera in take.cameras:
         with VideoReader(video_path(tmp_path, camera.name)) as video:
             assert [picture.shape for picture in video] == [(48, 64, 3)] * 4
+
+
+def test_a_source_that_fails_in_an_unknown_way_ends_its_feed_and_says_so(folder: Path) -> None:
+    def begin(_: threading.Event) -> None:
+        raise RuntimeError("no driver")
+
+    feed = Feed(open_take(folder).cameras[0], begin, lambda *_: None)
+    feed.join()
+    assert feed.has_ended
+    assert str(feed.problem) == "cam01: cannot be read (RuntimeError: no driver)"

@@ -50,6 +50,16 @@ def test_a_recording_that_fails_says_why_and_holds_nobody_up(
     assert "even width" in str(recording.problem)
 
 
+def test_pictures_of_another_size_hold_nobody_up_either(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
+) -> None:
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    for shot in range(300):
+        recording.add(shot, np.zeros((24, 64, 3), np.uint8), shot / 10)
+    recording.finish(300)
+    assert "cannot record there" in str(recording.problem)
+
+
 def test_a_recording_without_pictures_leaves_no_file(
     tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
 ) -> None:
