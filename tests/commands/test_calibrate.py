@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
+from typer.testing import CliRunner
 
 import board_stage
 from board_stage import (
@@ -22,6 +23,7 @@ from board_stage import (
     write_clips,
     write_pictures,
 )
+from services.cli import app
 from services.commands.calibrate.board import calibrate_by_board, coverage_path, draw_board
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
@@ -295,3 +297,26 @@ def test_a_board_is_drawn_as_it_is_detected(tmp_path: Path) -> None:
     sighting = Detector(board).find(drawn)
     assert sighting is not None
     assert len(sighting.corners) == board.n_corners
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "expected one of a folder of CLIPS"),
+        ("--check TAKE --colour TAKE", "expected one of"),
+        ("--draw FILE --refine RESULT CLIPS", "expected one of"),
+        ("--draw FILE --points FILE", "expected one of"),
+        ("--points FILE --refine RESULT TAKE", "expected one of"),
+        ("--points FILE --check TAKE", "expected one of"),
+        ("--import FILE CLIPS", "expected one of"),
+        ("--check TAKE --out FILE", "--out has no effect with --check: leave it out"),
+        ("--import FILE --lens wide", "--lens has no effect with --import"),
+        ("CLIPS --to opencv", "--to has no effect with CLIPS"),
+        ("TAKE --refine RESULT --square 0.03", "--square has no effect with --refine"),
+        ("--draw FILE --up y", "--up has no effect with --draw"),
+        ("--points FILE --lens wide --level cam01", "--level has no effect with --points"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(words: str, said: str) -> None:
+    with pytest.raises(UserError, match=f"calibrate: {said}"):
+        CliRunner().invoke(app, ["calibrate", *words.split()], catch_exceptions=False)

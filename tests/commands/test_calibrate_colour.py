@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from services.commands.calibrate import command
 from services.commands.calibrate.colour import calibrate_colour
 from services.mocap.calibration.colour_chart import fit_colours, reference_levels
 from services.mocap.camera.camera import Camera
@@ -134,26 +133,6 @@ def test_pictures_that_are_missing_or_useless_leave_the_take_as_it_is(small_take
     with pytest.raises(UserError, match=r"is 320x240 pixels, but \[cam02\] size"):
         calibrate_colour(folder)
     assert not (folder / "colour.toml").exists()
-    with pytest.raises(UserError, match="expected one of a folder of CLIPS"):
-        command.calibrate(colour=folder, check=folder)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [
-        (),
-        ("draw", "refine", "clips"),
-        ("draw", "points"),
-        ("points", "refine", "clips"),
-        ("points", "check"),
-        ("source", "clips"),
-    ],
-    ids=" ".join,
-)
-def test_what_would_be_ignored_is_refused(tmp_path: Path, given: tuple[str, ...]) -> None:
-    with pytest.raises(UserError, match="expected one of a folder of CLIPS"):
-        command.calibrate(**dict.fromkeys(given, tmp_path))
-    assert not list(tmp_path.iterdir())
 
 
 def test_what_colour_toml_says_is_checked(small_take: SmallTake) -> None:

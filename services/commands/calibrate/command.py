@@ -18,12 +18,26 @@ from services.mocap.calibration.lens import N_COEFFICIENTS, Lens
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.formats import Axis, Format, Units
 from services.mocap.errors import UserError
+from services.mocap.take.layout import CALIBRATION
 
 _board_option = partial(typer.Option, rich_help_panel="Board")
 _import_option = partial(typer.Option, rich_help_panel="Files of other tools")
+_BOARD = {"board", "squares", "square", "marker", "markers", "gap", "first_id", "dictionary"}
+_BOARD |= {"legacy", "inverted"}
+_OPTIONS_OF: dict[str, set[str]] = {
+    "refine": {"clips", "out"},
+    "check": set(),
+    "colour": set(),
+    "source": {"kind", "target", "size", "units", "scale", "world", "points", "out", "up"},
+    "draw": {"clips", *_BOARD},
+    "clips": {"out", "lens", "level", "points", "up", *_BOARD},
+    "points": {"lens", "out", "up"},
+}
+"""What can be asked for, by its parameter, and which others have an effect with it."""
 
 
 def calibrate(
+    context: typer.Context,
     clips: Annotated[
         Path | None,
         typer.Argument(
@@ -144,7 +158,10 @@ def calibrate(
     optionally intrinsics/<camera>.mp4, in which the board is close to one camera. CLIPS/board.toml may
     describe the board.
     """
-    _check_one_is_asked_for(clips, draw, points, refine, source, check, colour)
+    _check_mode(context)
+    said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
+    said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}
+    said |= {"legacy": legacy, "inverted": inverted}
     if refine is not None:
         if clips is None:
             raise UserError(
@@ -160,48 +177,38 @@ def calibrate(
             source, kind=kind, size=size, units=units, scale=scale, its_up=world, points=points, out=out,
             target=target, up=up,
         )  # fmt: skip
-    else:
-        said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
-        said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}
-        said |= {"legacy": legacy, "inverted": inverted}
-        if draw is not None:
-            draw_board(draw, said, clips)
-        elif clips is not None:
-            model, lens_file = _lens_of(lens)
-            file = out or clips / "calibration.toml"
-            calibrate_by_board(clips, said, model, file, up, lens_file, level, points)
-        elif points is not None:
-            _, lens_file = _lens_of(lens)
-            if lens_file is None or out is None:
-                raise UserError(
-                    "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved; alone, it "
-                    "needs --lens FILE, the cameras' lenses, and --out FILE, the file to write"
-                )
-            place_by_points(points, lens_file, out, up)
+    elif draw is not None:
+        draw_board(draw, said, clips)
+    elif clips is not None:
+        model, lens_file = _lens_of(lens)
+        calibrate_by_board(clips, said, model, out or clips / CALIBRATION, up, lens_file, level, points)
+    elif points is not None:
+        _, lens_file = _lens_of(lens)
+        if lens_file is None or out is None:
+            raise UserError(
+                "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved; alone, it "
+                "needs --lens FILE, the cameras' lenses, and --out FILE, the file to write"
+            )
+        place_by_points(points, lens_file, out, up)
 
 
-def _check_one_is_asked_for(
-    clips: Path | None, draw: Path | None, points: Path | None, refine: Path | None, source: Path | None,
-    *others: Path | None,
-) -> None:  # fmt: skip
-    """Raise UserError unless exactly one action is requested.
-
-    --draw may use the board.toml of CLIPS, --refine needs TAKE in their place, and --points may come with
-    CLIPS or --import.
-    """
-    n_options = sum(given is not None for given in (draw, refine, source, *others))
-    takes_clips = n_options == 0 or draw is not None or refine is not None
-    takes_points = n_options == 0 or source is not None
-    if (
-        n_options > 1
-        or (n_options == 0 and clips is None and points is None)
-        or (clips is not None and not takes_clips)
-        or (points is not None and not takes_points)
-    ):
+def _check_mode(context: typer.Context) -> None:
+    """Raise UserError unless exactly one thing is asked for, and if an option is given that has no effect
+    with it."""
+    sources = {p: context.get_parameter_source(p.name or "") for p in context.command.params}
+    words = {
+        p.name or "": p.opts[0] for p, source in sources.items() if source and source.name == "COMMANDLINE"
+    }
+    asked = [mode for mode in _OPTIONS_OF if mode in words]
+    if not asked or not _OPTIONS_OF[asked[0]].issuperset(asked[1:]):
         raise UserError(
             "calibrate: expected one of a folder of CLIPS, TAKE --refine RESULT, --check TAKE, "
             "--colour TAKE, --import FILE, --points FILE or --draw FILE"
         )
+    for name, word in words.items():
+        if name != asked[0] and name not in _OPTIONS_OF[asked[0]]:
+            mode = "CLIPS" if asked[0] == "clips" else words[asked[0]]
+            raise UserError(f"calibrate: {word} has no effect with {mode}: leave it out")
 
 
 def _lens_of(text: str) -> tuple[Lens, Path | None]:
