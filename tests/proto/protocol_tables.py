@@ -37,6 +37,8 @@ def _table(head: tuple[str, ...], rows: list[str]) -> str:
 
 def _range(schema: dict[str, Any], low: str, high: str) -> str:
     least, most = schema.get(low, 0), schema.get(high)
+    if least == most:
+        return str(least)
     if least and most is not None:
         return f"{least} to {most}"
     return f"at most {most}" if most is not None else "any number"
@@ -213,8 +215,8 @@ def numbers_table() -> str:
         _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
         _row(
             "deadline of others",
-            f"{dispatch.DEADLINE_FLOOR_S:g} s + what tasks usually take + {dispatch.DEADLINE_FACTOR:g} × by "
-            "how much they usually differ from that",
+            f"{dispatch.DEADLINE_FLOOR_S:g} s + the mean duration of tasks + {dispatch.DEADLINE_FACTOR:g} × its "
+            "mean deviation (moving averages)",
         ),
     ]
     return _table(("limit", "value"), rows)
