@@ -44,30 +44,29 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
         return frames
     made = silhouettes.segmenter
     with kept_warnings():  # what comes after this says them again
-        if _cameras_that_see(take, frames.start, made, of_other_faults=1):
+        if _cameras_that_see(take, frames.start, made) != 0:
             return frames
         looks = frames[:: max(_EVERY, -(-len(frames) // _MOST_LOOKS))][1:]
         best, most, n_further = frames.start, 0, _FURTHER_LOOKS
         for frame in looks:
             progress((frame - frames.start) / len(frames))
-            n_cameras = _cameras_that_see(take, frame, made)
+            n_cameras = _cameras_that_see(take, frame, made) or 0
             if n_cameras > most:
                 best, most = frame, n_cameras
-            n_further -= most > 0
+            if most > 0:
+                n_further -= 1
             if most == len(take.cameras) or n_further == 0:
                 break
     return range(best, frames.stop)
 
 
-def _cameras_that_see(take: Take, frame: int, made: Segmenter, of_other_faults: int = 0) -> int:
-    """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few.
-
-    of_other_faults: returned for a frame that cannot be used for another reason.
-    """
+def _cameras_that_see(take: Take, frame: int, made: Segmenter) -> int | None:
+    """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few, and None if
+    the frame cannot be used for another reason."""
     try:
         cameras, _ = seen_of(take, range(frame, frame + 1), made, lambda _: None)
     except NotInViewError:
         return 0
     except TakeError:
-        return of_other_faults
+        return None
     return len(cameras)

@@ -42,7 +42,7 @@ def table_of(first: str, *numbers: str) -> Table:
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """A bar; yields what takes what is being done, in words, and how far the whole is, 0 to 1."""
+    """A progress bar; yields a function of the stage, in words, and of the total progress, 0 to 1."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=stderr) as bar:
         task = bar.add_task("starting", total=1.0)

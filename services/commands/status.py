@@ -26,7 +26,7 @@ from services.options import KeysOption, keys_of_client
 _CONNECT_S = 0.25
 """How long one attempt to connect may take."""
 _READ_S = 0.25
-"""How long it waits for messages before it looks round or shows again."""
+"""How long it waits for messages before it updates the table."""
 _REACHED_S = 1.5
 """How long it waits for a host that does not answer; one that refuses the connection is not waited for."""
 _TELEMETRY_WAIT_S = 30.0

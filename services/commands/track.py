@@ -68,8 +68,8 @@ def track(
         bool | None,
         typer.Option(
             "--refine/--no-refine",
-            help="First track forwards only, and fit the body again to frames of the whole take; by default "
-            "if this run or xormocap fit fitted it to the first frames only, and the take is long enough.",
+            help="Track forwards, fit the body again to frames of the whole take, and track again. Default: "
+            "if the body was fitted to the first frames only, and the take is long enough.",
         ),
     ] = None,
     smooth: options.SmoothOption = options.DEFAULT_OUTPUT.smooth,

@@ -44,10 +44,11 @@ def fit_frames(
     engine: EngineSettings,
     search: SearchSettings,
     mesh: OwnMesh | None,
-    is_refined_next: bool,
     frames: range,
     unsure: Mapping[str, Mask],
     show: Show,
+    *,
+    is_refined_next: bool,
 ) -> TakeFit:
     """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take.
 

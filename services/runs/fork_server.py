@@ -5,8 +5,8 @@ the start on a small machine. `ForkServer` is the launcher's side; the other one
 `python -m services.runs.fork_server FD MODULE …`. They communicate over a socket: requests are Births;
 answers are the new process's id at once, and (id, exit code) at its end.
 
-multiprocessing's forkserver does not serve here: a process has one at most, with the environment and the
-output that it had at first, while runs may have servers with their own.
+multiprocessing's forkserver is not used: a process can have only one, with the environment and the output of
+its first start; here each run may have its own.
 """
 
 import gc

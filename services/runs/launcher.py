@@ -169,8 +169,8 @@ class Launcher:
                 continue
             self._restarts[name] += 1
             if self._restarts[name] > SERVICES[name].most_restarts:
-                times = f"was started again {SERVICES[name].most_restarts} times and"
-                raise ServiceFailedError(f"{name} {times} ended with code {code} at last: {last}")
+                after = f"after {SERVICES[name].most_restarts} restarts (exit code {code})"
+                raise ServiceFailedError(f"{name} crashed again {after}: {last}")
             log.warning("%s ended with code %d: starting another; it said: %s", name, code, last)
             self._told.discard(name)
             running.process = self._spawn(name, running.arguments, running.log_path)

@@ -53,7 +53,7 @@ class TakeSilhouettes:
         self.said = sorted(said)  # cameras are learnt side by side
         return made
 
-    @property
+    @cached_property
     def kept(self) -> KeptTrimaps | None:
         """The silhouettes that are kept; None if none are, or they are the take's own."""
         if self._kept is None or self.are_ready:

@@ -1,7 +1,7 @@
 """What there is to learn a camera's background from: its clean plate, or pictures spread over its video."""
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -137,17 +137,14 @@ def warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
 
 
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
-    """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
-    index, keys = keyframes(take, camera)
-    if len(keys) >= most:  # keyframes can be decoded alone
-        pictures = []
-        for key in (keys[i] for i in evenly(len(keys), most).tolist()):
-            with take.video(camera, key, key + 1, index) as video:
-                pictures += list(video)
-        return np.array(pictures)
-    wanted = set(evenly(take.settings.frames, most).tolist())
-    with take.video(camera, 0, take.settings.frames, index) as video:
-        return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
+    """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last.
+
+    They are keyframes, which are decoded alone, where there are enough.
+    """
+    keys = keyframes(take, camera)[1]
+    frames: Sequence[int] = keys if len(keys) >= most else range(take.settings.frames)
+    picker, ahead = take.picker(camera), take.settings.offset(camera.name)
+    return np.array([picker.read(frames[i] + ahead) for i in evenly(len(frames), most).tolist()])
 
 
 def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:

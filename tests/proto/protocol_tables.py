@@ -215,8 +215,8 @@ def numbers_table() -> str:
         _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
         _row(
             "deadline of others",
-            f"{dispatch.DEADLINE_FLOOR_S:g} s + the mean duration of tasks + {dispatch.DEADLINE_FACTOR:g} × its "
-            "mean deviation (moving averages)",
+            f"{dispatch.DEADLINE_FLOOR_S:g} s + the mean duration of tasks + {dispatch.DEADLINE_FACTOR:g} × "
+            "its mean deviation (moving averages)",
         ),
     ]
     return _table(("limit", "value"), rows)

@@ -100,13 +100,13 @@ def calibrate(
         ),
     ] = None,
     inverted: Annotated[
-        bool | None, _board_option(help="The board is white on black; tried by default.")
+        bool | None, _board_option(help="The board is white on black. Default: both are tried.")
     ] = None,
     points: Annotated[
         Path | None,
         typer.Option(
-            help="Measured points of the scene, a table camera,u,v,x,y,z: gives the world of CLIPS or "
-            "--import, or with --lens FILE the poses of cameras.",
+            help="A table camera,u,v,x,y,z of measured points. With CLIPS or --import it defines the world; "
+            "with --lens FILE alone, the cameras' poses.",
             metavar="FILE",
         ),
     ] = None,
@@ -117,7 +117,7 @@ def calibrate(
     refine: Annotated[
         Path | None,
         typer.Option(
-            help="Move cameras of TAKE to where the body that was tracked in this result agrees with them.",
+            help="Correct the extrinsics of TAKE by the body and poses of this result.",
             metavar="RESULT",
         ),
     ] = None,
@@ -131,7 +131,9 @@ def calibrate(
     source: Annotated[
         Path | None, _import_option("--import", help="Convert this calibration file or folder.")
     ] = None,
-    kind: Annotated[Format | None, _import_option("--from", help="Its format; detected by default.")] = None,
+    kind: Annotated[
+        Format | None, _import_option("--from", help="Format of the imported file; detected by default.")
+    ] = None,
     target: Annotated[
         Target, _import_option("--to", help="Format to write: pose2sim (also xormocap's own) or opencv.")
     ] = "pose2sim",
@@ -139,7 +141,7 @@ def calibrate(
         str | None, _import_option(help="Picture size WxH, if the file does not contain it.")
     ] = None,
     units: Annotated[
-        Units, _import_option(help="Its unit of length, if the format does not define it.")
+        Units, _import_option(help="Unit of length of the imported file, if its format does not define it.")
     ] = "auto",
     scale: Annotated[float, _import_option(help="Factor for all lengths, for example for COLMAP.")] = 1.0,
     world: Annotated[
