@@ -42,15 +42,15 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
     take = silhouettes.take
     if len(take.cameras) < 2 or not silhouettes.has_stage:
         return frames
-    made = silhouettes.segmenter
+    segmenter = silhouettes.segmenter
     with kept_warnings():  # what comes after this says them again
-        if _cameras_that_see(take, frames.start, made) != 0:
+        if _cameras_that_see(take, frames.start, segmenter) != 0:
             return frames
         looks = frames[:: max(_EVERY, -(-len(frames) // _MOST_LOOKS))][1:]
         best, most, n_further = frames.start, 0, _FURTHER_LOOKS
         for frame in looks:
             progress((frame - frames.start) / len(frames))
-            n_cameras = _cameras_that_see(take, frame, made) or 0
+            n_cameras = _cameras_that_see(take, frame, segmenter) or 0
             if n_cameras > most:
                 best, most = frame, n_cameras
             if most > 0:
@@ -60,11 +60,11 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
     return range(best, frames.stop)
 
 
-def _cameras_that_see(take: Take, frame: int, made: Segmenter) -> int | None:
+def _cameras_that_see(take: Take, frame: int, segmenter: Segmenter) -> int | None:
     """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few, and None if
     the frame cannot be used for another reason."""
     try:
-        cameras, _ = seen_of(take, range(frame, frame + 1), made, lambda _: None)
+        cameras, _ = seen_of(take, range(frame, frame + 1), segmenter, lambda _: None)
     except NotInViewError:
         return 0
     except TakeError:

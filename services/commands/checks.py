@@ -163,9 +163,9 @@ def _mistakes(
     yield from (m for m in compared.mistakes if silhouettes.are_ready or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in compared.mistakes):
         some = [compared.frames[k] for k in evenly(len(compared.frames), _FRAMES_FOR_FEET)]
-        made = silhouettes.segmenter
-        together = trimaps_of(take, some, made, lambda _: None)
-        yield from silhouette_faults(compared.cameras, compared.outlines, together, made.moved())
+        segmenter = silhouettes.segmenter
+        together = trimaps_of(take, some, segmenter, lambda _: None)
+        yield from silhouette_faults(compared.cameras, compared.outlines, together, segmenter.moved())
 
 
 def _mistake_of(warning: str) -> Mistake:

@@ -69,55 +69,55 @@ class Watch(PosesListener):
         return len(self._took_s) / total_s if total_s > 0 else None
 
 
-def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
+def as_table(telemetry: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
     """The state as tables for a person."""
-    done = f"{told.next_frame - told.first_frame}"
-    if told.end_frame < OPEN_END:
-        done += f" of {told.end_frame - told.first_frame}"
+    done = f"{telemetry.next_frame - telemetry.first_frame}"
+    if telemetry.end_frame < OPEN_END:
+        done += f" of {telemetry.end_frame - telemetry.first_frame}"
     speed = "" if frames_per_s is None else f", {rate_in_words(frames_per_s)}"
-    head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
+    head = Text(f"{telemetry.take}: {telemetry.stage}, {done} frames{speed}")
     if silent_s > PUBLISHED.silence_s:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
-    live: list[RenderableType] = [Text(), _cameras(told)] if told.drops else []
-    return Group(head, Text(), _services(told), *live, Text(), _numbers(told))
+    live: list[RenderableType] = [Text(), _cameras(telemetry)] if telemetry.drops else []
+    return Group(head, Text(), _services(telemetry), *live, Text(), _numbers(telemetry))
 
 
-def _services(told: Telemetry) -> Table:
+def _services(telemetry: Telemetry) -> Table:
     """The services, and what they are doing."""
     table = Table("service", "where", "backend", "doing", box=None, header_style="bold")
-    table.add_row("segmentation", "", "", f"{told.frames_ready} frames ready")
-    for name, backend in sorted(told.workers.items()):
+    table.add_row("segmentation", "", "", f"{telemetry.frames_ready} frames ready")
+    for name, backend in sorted(telemetry.workers.items()):
         role, _, where = name.partition("@")
-        limb = told.limbs.get(name)
+        limb = telemetry.limbs.get(name)
         table.add_row(Text(role), Text(where), Text(backend), limb.replace("_", " ") if limb else "idle")
-    for name, end in sorted(told.recorders.items()):
+    for name, end in sorted(telemetry.recorders.items()):
         role, _, where = name.partition("@")
-        table.add_row(Text(role), Text(where), "", f"{max(end - told.first_frame, 0)} frames on disk")
+        table.add_row(Text(role), Text(where), "", f"{max(end - telemetry.first_frame, 0)} frames on disk")
     return table
 
 
-def _cameras(told: Telemetry) -> Table:
+def _cameras(telemetry: Telemetry) -> Table:
     """Live cameras, and what was dropped of each; where it was dropped shows what to improve."""
     table = Table(
         "camera", "dropped by source", "by segmentation", "by tracking", box=None, header_style="bold"
     )
-    for name, counts in told.drops.items():
-        where = Text(name, style="red") if name in told.absent else Text(name)
-        table.add_row(where + (" is absent" if name in told.absent else ""), *map(str, counts))
+    for name, counts in telemetry.drops.items():
+        where = Text(name, style="red") if name in telemetry.absent else Text(name)
+        table.add_row(where + (" is absent" if name in telemetry.absent else ""), *map(str, counts))
     return table
 
 
-def _numbers(told: Telemetry) -> Table:
+def _numbers(telemetry: Telemetry) -> Table:
     """Milliseconds of the last frame, queues, drops."""
     table = Table(show_header=False, box=None)
-    stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in told.seconds.items()]
+    stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in telemetry.seconds.items()]
     table.add_row("last frame, ms", Text(", ".join(stages) or "none yet"))
-    if told.latency_s:
-        median_ms, p95_ms = (_IN_MS(1000 * told.latency_s[name]) for name in ("median", "p95"))
+    if telemetry.latency_s:
+        median_ms, p95_ms = (_IN_MS(1000 * telemetry.latency_s[name]) for name in ("median", "p95"))
         table.add_row("shutter to pose, ms", f"median {median_ms}, 95 % below {p95_ms}")
-    table.add_row("limb tasks waiting", f"{told.tasks_waiting}; deadline {told.deadline_s:.2f} s")
-    table.add_row("frames not on disk", f"{told.unrecorded}")
-    for name, count in told.counts.items():
+    table.add_row("limb tasks waiting", f"{telemetry.tasks_waiting}; deadline {telemetry.deadline_s:.2f} s")
+    table.add_row("frames not on disk", f"{telemetry.unrecorded}")
+    for name, count in telemetry.counts.items():
         style = "yellow" if count and name != "retries" else ""
         table.add_row(Text(name.replace("_", " ")), Text(f"{count}", style=style))
     return table
@@ -133,17 +133,17 @@ def status(
 ) -> None:
     """Show the state of a run's services in a live table, until the run ends."""
     with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
-        told = _first_told(watch, connect)
+        telemetry = _first_telemetry(watch, connect)
         if in_json:
-            sys.stdout.write(told.model_dump_json() + "\n")
+            sys.stdout.write(telemetry.model_dump_json() + "\n")
         elif once:
-            stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
+            stdout.print(as_table(telemetry, watch.frames_per_s, watch.silent_s))
         else:
-            _follow(watch, told)
+            _follow(watch, telemetry)
 
 
-def _first_told(watch: Watch, endpoint: str) -> Telemetry:
-    """The coordinator's first telemetry; raises UserError where nobody listens or nothing is told."""
+def _first_telemetry(watch: Watch, endpoint: str) -> Telemetry:
+    """The coordinator's first telemetry; raises UserError where nobody listens or no telemetry comes."""
     began_s, answer = time.monotonic(), ""
     while watch.latest is None:
         waited_s = time.monotonic() - began_s
@@ -171,10 +171,10 @@ def answer_of(endpoint: str) -> Literal["listens", "refuses", "silent"]:
         return "silent"
 
 
-def _follow(watch: Watch, told: Telemetry) -> None:
+def _follow(watch: Watch, telemetry: Telemetry) -> None:
     """Update the table until the run has ended and its coordinator has exited."""
-    with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
-        while told.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
+    with Live(as_table(telemetry, None, 0.0), auto_refresh=False) as live:
+        while telemetry.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
             watch.listen(_READ_S)
-            told = watch.latest or told
-            live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)
+            telemetry = watch.latest or telemetry
+            live.update(as_table(telemetry, watch.frames_per_s, watch.silent_s), refresh=True)

@@ -135,8 +135,8 @@ def finished_show(folder: Path, take: Path | None) -> Show:
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
     def segmenter() -> Segmenter:
-        made = make_segmenter(opened, opened.cameras, name_of_segmenter)
-        return made if known is None else made.knowing(*known)
+        segmenter = make_segmenter(opened, opened.cameras, name_of_segmenter)
+        return segmenter if known is None else segmenter.knowing(*known)
 
     shown = dict(zip(result.frames.tolist(), result.tracked.frames_shown.tolist(), strict=True))
 

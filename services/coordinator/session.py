@@ -42,11 +42,11 @@ class Session:
         self, plan: Plan, engine: Engine, endpoint: str, stop: StopRequest, admission: Admission | None = None
     ) -> None:
         self._plan, self._engine, self._stop = plan, engine, stop
-        told = plan.take.settings
+        settings = plan.take.settings
         if isinstance(plan.take, LiveTake):
             self._incoming: Incoming = LiveFrames(plan.take, plan.rig)
         else:
-            self._incoming = RecordedFrames(told.name, plan.rig, plan.frames, told.fps)
+            self._incoming = RecordedFrames(settings.name, plan.rig, plan.frames, settings.fps)
         self._board = Switchboard(endpoint, self._incoming, admission)
         self._outgoing = OutgoingMessages(plan, engine, self._board)
         self._gauges, self._overhead = Gauges(), Overhead()
@@ -55,16 +55,16 @@ class Session:
         self._solved_end = self._told_frame = plan.frames.start
         self._unsure: UnsureParts | None = None
         is_settled_last = plan.settings.goes_both_ways and not self._incoming.is_live
-        self._settling = Settling(plan.frames.start, told.fps) if is_settled_last else None
+        self._settling = Settling(plan.frames.start, settings.fps) if is_settled_last else None
         self._live_settling: LiveSettling | None = None
         self._is_settled = False
         self._board.telemetry = self._telemetry
         about(take=self._outgoing.take)
 
     def _telemetry(self) -> Telemetry:
-        told = self._outgoing.telemetry(self._stage, self._told_frame)
-        self._gauges.latest = told
-        return told
+        telemetry = self._outgoing.telemetry(self._stage, self._told_frame)
+        self._gauges.latest = telemetry
+        return telemetry
 
     def run(self, workers: int, recorders: int) -> None:
         """Track all frames, or until a stop is requested; then announce the end and close.

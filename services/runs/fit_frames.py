@@ -59,13 +59,13 @@ def fit_frames(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             warnings += silhouettes.remarks
-            made = silhouettes.segmenter
-            known = made.knowing(unsure) if unsure else made
+            segmenter = silhouettes.segmenter
+            known = segmenter.knowing(unsure) if unsure else segmenter
             cameras, seen = seen_of(take, frames, known, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
-            told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
-            guess = guess_first_pose(rig, seen[0], hints, opened, told, mesh, names)
+            used_search = search.for_cameras([take.cameras.index(camera) for camera in cameras])
+            guess = guess_first_pose(rig, seen[0], hints, opened, used_search, mesh, names)
         with clock.stage("fitting the actor") as progress:
 
             def fit_from(actor: Actor, pose: Floats, show_share: Callable[[float], None]) -> Fit:
@@ -81,10 +81,10 @@ def fit_frames(
             way = fit_best_way_round(
                 guess.first,
                 partial(fit_from, guess.actor),
-                lambda fit: tracked_px(rig, later(), fit, told),
+                lambda fit: tracked_px(rig, later(), fit, used_search),
                 lambda share: progress(_FIRST_FITS * share),
             )
-            again = None if hints.initial_pose else partial(_found_again, rig, seen[0], search=told)
+            again = None if hints.initial_pose else partial(_found_again, rig, seen[0], search=used_search)
             way = _fitted_once_more(
                 way, guess.actor, rig, seen, fit_from, again, progress, is_refined_next=is_refined_next
             )

@@ -20,9 +20,9 @@ from services.process import StopRequest
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
     LOOK_S,
+    Arguments,
     Job,
     RunSetup,
-    Words,
     keep_logs,
     run_services,
     start_segmentation,
@@ -70,7 +70,7 @@ def live(
     )
     before_ns = written_ns(job.out)
     with recording_to(job.record):
-        logs, _, told = run_services(job, setup, show, warn)
+        logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(job.out) == before_ns:
         _finish_recording(job, warn)
         raise UserError(f"{job.config}: nobody was tracked: the logs in {logs} say why")
@@ -79,10 +79,12 @@ def live(
         copy_learnt(job.fit, job.out / FIT_FOLDER)
     with edited_run(job.out) as report:
         report["settings"]["segmenter"] = job.segmenter
-        if told is not None:
-            drops = {cam: dict(zip(DROPPED_BY, counts, strict=True)) for cam, counts in told.drops.items()}
+        if telemetry is not None:
+            drops = {
+                cam: dict(zip(DROPPED_BY, counts, strict=True)) for cam, counts in telemetry.drops.items()
+            }
             report["live"]["drops"] = drops
-            if "settled_median" in (latency_s := told.latency_s):
+            if "settled_median" in (latency_s := telemetry.latency_s):
                 settled_s = {which: latency_s[f"settled_{which}"] for which in ("median", "p95")}
                 report["live"]["settled_latency_s"] = settled_s
     _finish_recording(job, warn)
@@ -99,7 +101,7 @@ def _finish_recording(job: LiveJob, warn: Callable[[str], None]) -> None:
         warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
 
 
-def _cameras(job: LiveJob, group: str) -> Words:
+def _cameras(job: LiveJob, group: str) -> Arguments:
     """Which cameras one process segments, what is known of them, and where it keeps what they see."""
     names = ",".join(job.take.cameras[c].name for c in job.take.cameras_of([group]))
     folders = {"--fitted": job.fit, "--record": job.record and part_of(job.record)}

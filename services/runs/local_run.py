@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from proto.messages import Telemetry
 from services.mocap.body.actor import Actor, build_body
@@ -39,7 +40,7 @@ _STARTING_S = 10.0
 _CHECKS_S, _CHECKED_EVERY_S = 20.0, 0.05
 """How long segmentation may take for its last checks."""
 
-Words = tuple[str, ...]
+Arguments: TypeAlias = tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,16 +80,16 @@ class RunSetup:
     """The take, or what names the cameras."""
     endpoint: str
     """Where the coordinator listens."""
-    coordinator: Words = ()
-    limb_worker: Words = ()
-    recorder: Words = ()
+    coordinator: Arguments = ()
+    limb_worker: Arguments = ()
+    recorder: Arguments = ()
     """Further arguments of these."""
-    segmentation: Sequence[Words]
+    segmentation: Sequence[Arguments]
     """Further arguments of each process of segmentation."""
     actor: Actor | None = None
     """Whose body is thinned before all start, so that not every process does it at the same time."""
     first_frame: int = 0
-    lasting: Words
+    lasting: tuple[str, ...]
     """Kinds of processes whose end is waited for, beside the recorder's."""
     alone_s: float
     """How long a recorder may still wait for the coordinator after the coordinator's end."""
@@ -114,7 +115,7 @@ def run_services(
                 levels_of(build_body(setup.actor))
             _start(launcher, job, setup)
             started(launcher)
-            told = _follow(launcher, job, setup, stop, show)
+            telemetry = _follow(launcher, job, setup, stop, show)
             for service in ("segmentation", "coordinator", "recorder"):
                 for sentence in launcher.warnings(service):
                     warn(sentence)
@@ -123,7 +124,7 @@ def run_services(
     except UserError:  # says all that the logs could
         shutil.rmtree(logs, ignore_errors=True)
         raise
-    return logs, stop.count > 0, told
+    return logs, stop.count > 0, telemetry
 
 
 def _start(launcher: Launcher, job: Job, setup: RunSetup) -> None:
@@ -145,13 +146,13 @@ def _start(launcher: Launcher, job: Job, setup: RunSetup) -> None:
         launcher.start("viewer", *source, *connect, *page, *keys)
 
 
-def start_segmentation(launcher: Launcher, job: Job, source: Path, endpoint: str, cameras: Words) -> None:
+def start_segmentation(launcher: Launcher, job: Job, source: Path, endpoint: str, cameras: Arguments) -> None:
     """Start one process of segmentation; cameras: further arguments."""
     words = ("--take", str(source), "--connect", endpoint, "--segmenter", job.segmenter)
     launcher.start("segmentation", *words, *cameras, *_keys(job))
 
 
-def _keys(job: Job) -> Words:
+def _keys(job: Job) -> Arguments:
     return () if job.keys is None else ("--keys", str(job.keys))
 
 
@@ -189,7 +190,7 @@ def _follow(
     deadline_s = time.monotonic() + _CHECKS_S  # of all clean plates: after a few frames some may be left
     while not stop.count and time.monotonic() < deadline_s and not launcher.has_ended("segmentation"):
         time.sleep(_CHECKED_EVERY_S)
-    return watch.told
+    return watch.telemetry
 
 
 def written_ns(folder: Path) -> int | None:

@@ -11,7 +11,7 @@ from services.listener import PosesListener
 from services.mocap.result.words import rate_in_words
 
 _RATE_S = 5.0
-"""Over how long the rate of live frames is told."""
+"""The time over which the rate of live frames is taken."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Progress:
     energy_px: float
     stage: str
     """What a run of a recorded take is doing, in words."""
-    told: Telemetry | None
+    telemetry: Telemetry | None
     """The coordinator's last telemetry."""
 
 
@@ -43,16 +43,16 @@ class ProgressWatch(PosesListener):
         """What is done with all frames after the last one was solved."""
         self._swept = 0
         """How many frames it has done."""
-        self.told: Telemetry | None = None
+        self.telemetry: Telemetry | None = None
 
     def take_in(self, message: Message) -> None:
         """Count frames; those that a coordinator finds again after a restart are no further ones."""
         if isinstance(message, Telemetry):
-            self.told = message
+            self.telemetry = message
             if message.stage == "tracking back":
                 self._sweep, self._swept = message.stage, message.end_frame - message.next_frame
         elif isinstance(message, Pose):
-            if message.settled and (self.told is None or self.told.end_frame == OPEN_END):
+            if message.settled and (self.telemetry is None or self.telemetry.end_frame == OPEN_END):
                 return  # live input has no sweeps: frames are settled while others are solved
             self._energy_px = message.energy_px
             if message.settled:
@@ -72,25 +72,25 @@ class ProgressWatch(PosesListener):
         stage = "writing results" if has_ended else "tracking" if done else "finding the first pose"
         if self._sweep is not None and not has_ended:
             done, stage = self._swept, self._sweep
-        return Progress(done, self._end > self._start, frames_per_s, self._energy_px, stage, self.told)
+        return Progress(done, self._end > self._start, frames_per_s, self._energy_px, stage, self.telemetry)
 
 
 def live_in_words(progress: Progress) -> str:
     """One line about how live tracking is going."""
-    told = progress.told
-    if told is None:
+    telemetry = progress.telemetry
+    if telemetry is None:
         return "starting"
-    worst = [max(counts) for counts in zip(*told.drops.values(), strict=True)] or [0, 0, 0]
+    worst = [max(counts) for counts in zip(*telemetry.drops.values(), strict=True)] or [0, 0, 0]
     dropped = f"dropped by sources {worst[0]}, segmentation {worst[1]}, tracking {worst[2]}"
-    if told.absent:
-        dropped += f"  absent: {', '.join(told.absent)}"
+    if telemetry.absent:
+        dropped += f"  absent: {', '.join(telemetry.absent)}"
     if not progress.frames_done:
-        what = "looking for a person" if told.stage == "first frame" else told.stage
+        what = "looking for a person" if telemetry.stage == "first frame" else telemetry.stage
         return f"{what}; {dropped}"
-    words = f"{told.stage}  {progress.frames_done} poses, {rate_in_words(progress.frames_per_s)}"
-    if told.latency_s:
-        median_ms, p95_ms = 1000 * told.latency_s["median"], 1000 * told.latency_s["p95"]
+    words = f"{telemetry.stage}  {progress.frames_done} poses, {rate_in_words(progress.frames_per_s)}"
+    if telemetry.latency_s:
+        median_ms, p95_ms = 1000 * telemetry.latency_s["median"], 1000 * telemetry.latency_s["p95"]
         words += f"  latency {median_ms:.0f} ms (95 % below {p95_ms:.0f})"
-        if "settled_median" in told.latency_s:
-            words += f", settled {1000 * told.latency_s['settled_median']:.0f} ms"
+        if "settled_median" in telemetry.latency_s:
+            words += f", settled {1000 * telemetry.latency_s['settled_median']:.0f} ms"
     return f"{words}  {dropped}"

@@ -79,14 +79,18 @@ def refine_take(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             warnings += silhouettes.remarks
-            made = silhouettes.segmenter
+            segmenter = silhouettes.segmenter
             if silhouettes.kept is not None:
                 cut_motion_blur(
-                    made, silhouettes.kept, take.cameras, found.actor, found.tracked,
+                    segmenter, silhouettes.kept, take.cameras, found.actor, found.tracked,
                     lambda share: progress(0.3 * share),
                 )  # fmt: skip
             occluded, colours = look_over(
-                take, found, made, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
+                take,
+                found,
+                segmenter,
+                lambda share: progress(0.3 + 0.4 * share),
+                learns_colours=learns_colours,
             )
             rows = least_doubtful_rows(found.distrusted, n_frames)
             if len(rows) < LEAST_FRAMES:
@@ -95,7 +99,7 @@ def refine_take(
                     "body is not lost"
                 )
             frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
-            known = made.knowing(occluded)
+            known = segmenter.knowing(occluded)
             cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
         coloured = found.actor
         if learns_colours:

@@ -47,11 +47,11 @@ class TakeSilhouettes:
     def segmenter(self) -> Segmenter:
         """What makes them; raises UserError as make_segmenter does."""
         with kept_warnings() as said:
-            made = make_segmenter(
+            segmenter = make_segmenter(
                 self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept
             )
         self.said = sorted(said)  # cameras are learnt side by side
-        return made
+        return segmenter
 
     @cached_property
     def kept(self) -> KeptTrimaps | None:

@@ -207,7 +207,7 @@ def test_frames_that_were_not_recorded_at_the_end_of_the_take_are_solved_again(
     ended_s: list[float] = []
 
     def well_after_the_end(progress: Progress) -> bool:
-        if progress.told is not None and progress.told.stage == "ended":
+        if progress.telemetry is not None and progress.telemetry.stage == "ended":
             ended_s.append(time.monotonic())
         return bool(ended_s) and time.monotonic() - ended_s[0] > 1  # everybody has heard of it
 

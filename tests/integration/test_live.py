@@ -93,8 +93,8 @@ def unplugged(stage: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
     def show(progress: Progress) -> None:
         lines.append(live_in_words(progress))
-        all_there = progress.told is not None and progress.told.stage != "waiting for clients"
-        if all_there and progress.told and not progress.told.absent and not cut.is_set():
+        all_there = progress.telemetry is not None and progress.telemetry.stage != "waiting for clients"
+        if all_there and progress.telemetry and not progress.telemetry.absent and not cut.is_set():
             cut.set()
             threading.Timer(_CUT_AFTER_S, unplug).start()
 
