@@ -100,7 +100,7 @@ def fit_and_track(
             found = fit_with_bar(take, fitted, work)
         if goes_on and found.frames[0] == first.start:
             job = forwards(job)
-        if goes_on and (report := _tracked_before(job, found.actor)):
+        if goes_on and (report := _tracked_before(job, found.actor)) is not None:
             return report
         return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 
@@ -112,29 +112,29 @@ def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
     if goes_on and (record is None or record.first_frame <= job.frames.start):
         job = forwards(job)
     actor = take_actor(job.take) if goes_on and job.fitted is None else None
-    if actor is not None and (report := _tracked_before(job, actor)):
+    if actor is not None and (report := _tracked_before(job, actor)) is not None:
         return report
     return track_with_bar(job)
 
 
-def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
+def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any] | None:
     """The run.json of this job's first run, if its results are there and the second run's journal too, and
-    the take has not changed since."""
+    the take has not changed since; None if not."""
     if not journal_of(job.out).exists():
-        return {}
+        return None
     segmenter = chosen_segmenter(job.take, job.segmenter)
     inputs = (job.take.folder / SETTINGS, *job.take.inputs(from_videos=segmenter != READY))
     try:
         found = load_result(job.out)
         made_by = chosen_segmenter(job.take, found.segmenter)
     except UserError:
-        return {}
+        return None
     written_ns = (job.out / POSES).stat().st_mtime_ns
     if any(path.stat().st_mtime_ns > written_ns for path in inputs):
-        return {}
+        return None
     asked = (actor, list(job.frames), job.search.model_dump(mode="json"), segmenter)
     settings = found.run.get("settings", {}).get("search")
-    return found.run if asked == (found.actor, found.frames.tolist(), settings, made_by) else {}
+    return found.run if asked == (found.actor, found.frames.tolist(), settings, made_by) else None
 
 
 def track_again(

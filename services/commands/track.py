@@ -96,7 +96,7 @@ def track(
     opened = open_take(take)
     warn(opened.remarks)
     engine = options.engine_settings(backend, threads)
-    chosen_segmenter(opened, segmenter)
+    chosen_segmenter(opened, segmenter)  # raises UserError if it does not suit the take
     job = TakeJob(
         take=opened,
         out=folder,
@@ -115,17 +115,8 @@ def track(
     with tempfile.TemporaryDirectory(prefix="xormocap-silhouettes-") as kept, ExitStack() as stack:
         silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
         if check:
-            check_files(silhouettes)
-            compared = compare_cameras(silhouettes, job.frames)
-            job = replace(job, frames=in_view(silhouettes, job.frames))
-            job = replace(job, checks=look_before(silhouettes, job.frames, compared))
-        actor = take_actor(opened) if fitted is None else None
-        fits = mesh is not None or (fitted is None and fit_first and actor is None)
-        is_rough = False
-        if fit_first and mesh is None and refine is None and actor is not None:
-            is_rough = was_refined(take / FIT_FOLDER, actor) is False
-        enough = _WORTH_REFINING * len(init_frames(opened))
-        again = refine if refine is not None else (fits or is_rough) and len(job.frames) >= enough
+            job = _checked(job, silhouettes)
+        fits, again = _steps(job, fits_mesh=mesh is not None, fit_first=fit_first, refine=refine)
         say(ENERGY_IN_WORDS, stderr)  # which the bars show
         if again:
             _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
@@ -142,6 +133,30 @@ def track(
             report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)
     conclude(job.out, take, port if watch else None, strict=strict)
+
+
+def _checked(job: TakeJob, silhouettes: TakeSilhouettes) -> TakeJob:
+    """The job from the first frame on that shows the actor, with what its checks found; raises TakeError
+    where it is certain that the take cannot be tracked."""
+    check_files(silhouettes)
+    compared = compare_cameras(silhouettes, job.frames)
+    job = replace(job, frames=in_view(silhouettes, job.frames))
+    return replace(job, checks=look_before(silhouettes, job.frames, compared))
+
+
+def _steps(job: TakeJob, *, fits_mesh: bool, fit_first: bool, refine: bool | None) -> tuple[bool, bool]:
+    """Whether a body is fitted first, and whether it is fitted again, to the whole take, and tracked again.
+
+    fit_first, refine: of the command line.
+    """
+    actor = take_actor(job.take) if job.fitted is None else None
+    fits = fits_mesh or (job.fitted is None and fit_first and actor is None)
+    if refine is not None:
+        return fits, refine
+    is_rough = fits
+    if fit_first and not fits_mesh and actor is not None:
+        is_rough = was_refined(job.take.folder / FIT_FOLDER, actor) is False
+    return fits, is_rough and len(job.frames) >= _WORTH_REFINING * len(init_frames(job.take))
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:
