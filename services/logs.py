@@ -12,6 +12,8 @@ import time
 
 VARIABLE = "XORMOCAP_LOG"
 """`text` (the default) or `json`."""
+NOT_YET = " not yet: "
+"""In the line with the reason why live pictures do not show the actor yet."""
 _about: dict[str, str | int] = {}
 """The current task of the process; services do one thing at a time."""
 

@@ -13,7 +13,7 @@ from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import Switchboard
 from services.coordinator.unsure import UnsureParts
-from services.logs import about
+from services.logs import NOT_YET, about
 from services.mocap.body.actor import Actor
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError
@@ -86,7 +86,7 @@ class Opening:
                     raise
                 if str(problem) != reason:  # once for each reason
                     reason = str(problem)
-                    log.info("not yet: %s", reason)
+                    log.info("first pose:%s%s", NOT_YET, reason)
                 continue
             incoming.catch_up()
             tracking = self._tracking(solved.model, solved.actor, solved.solution.pose[None])

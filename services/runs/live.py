@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from proto.messages import DROPPED_BY
+from services.logs import NOT_YET
 from services.mocap.errors import UserError
 from services.mocap.result.layout import partial_of
 from services.mocap.result.result import edited_run
@@ -17,6 +18,7 @@ from services.mocap.take.fit_record import FIT_FOLDER, copy_learnt, record_of, w
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.process import StopRequest
+from services.runs.fork_server import lines_of
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
     LOOK_S,
@@ -73,7 +75,7 @@ def live(
         logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(job.out) == before_ns:
         _finish_recording(job, warn)
-        raise UserError(f"{job.config}: nobody was tracked: the logs in {logs} say why")
+        raise UserError(f"{job.config}: nobody was tracked: {_reason(logs)}")
     keep_logs(logs, job.out)
     if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
         copy_learnt(job.fit, job.out / FIT_FOLDER)
@@ -89,6 +91,13 @@ def live(
                 report["live"]["settled_latency_s"] = settled_s
     _finish_recording(job, warn)
     return report
+
+
+def _reason(logs: Path) -> str:
+    """Why the coordinator found no first pose, as its log says, or else where the logs are."""
+    lines = lines_of(logs / "coordinator-0.log")
+    reasons = [line.partition(NOT_YET)[2] for line in lines if NOT_YET in line]
+    return reasons[-1] if reasons else f"the logs are in {logs}"
 
 
 def _finish_recording(job: LiveJob, warn: Callable[[str], None]) -> None:
