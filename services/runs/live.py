@@ -75,7 +75,10 @@ def live(
         logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(job.out) == before_ns:
         _finish_recording(job, warn)
-        raise UserError(f"{job.config}: nobody was tracked: {_reason(logs)}")
+        reason = _no_pose_reason(logs)
+        if reason is not None:
+            shutil.rmtree(logs, ignore_errors=True)
+        raise UserError(f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}")
     keep_logs(logs, job.out)
     if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
         copy_learnt(job.fit, job.out / FIT_FOLDER)
@@ -93,11 +96,10 @@ def live(
     return report
 
 
-def _reason(logs: Path) -> str:
-    """Why the coordinator found no first pose, as its log says, or else where the logs are."""
+def _no_pose_reason(logs: Path) -> str | None:
+    """Why the coordinator found no first pose, if its log says so."""
     lines = lines_of(logs / "coordinator-0.log")
-    reasons = [line.partition(NOT_YET)[2] for line in lines if NOT_YET in line]
-    return reasons[-1] if reasons else f"the logs are in {logs}"
+    return next((line.partition(NOT_YET)[2] for line in reversed(lines) if NOT_YET in line), None)
 
 
 def _finish_recording(job: LiveJob, warn: Callable[[str], None]) -> None:

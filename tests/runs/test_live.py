@@ -22,10 +22,13 @@ from services.runs import live as module
 def test_why_nobody_was_tracked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, logged: str, said: str
 ) -> None:
-    (tmp_path / "coordinator-0.log").write_text(logged)
-    monkeypatch.setattr(module, "run_services", Mock(return_value=(tmp_path, False, None)))
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    (logs / "coordinator-0.log").write_text(logged)
+    monkeypatch.setattr(module, "run_services", Mock(return_value=(logs, False, None)))
     take = SimpleNamespace(live=SimpleNamespace(endpoint=None), groups_here=[])
     job: Any = SimpleNamespace(out=tmp_path / "out", take=take, config="live.toml", record=None)
     with pytest.raises(UserError) as failure:
         module.live(cast(module.LiveJob, job), show=Mock())
-    assert str(failure.value) == f"live.toml: nobody was tracked: {said.replace('LOGS', str(tmp_path))}"
+    assert str(failure.value) == f"live.toml: nobody was tracked: {said.replace('LOGS', str(logs))}"
+    assert logs.exists() == (said == "the logs are in LOGS")
