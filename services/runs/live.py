@@ -74,11 +74,8 @@ def live(
     with recording_to(job.record):
         logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(job.out) == before_ns:
-        _finish_recording(job, warn)
-        reason = _no_pose_reason(logs)
-        if reason is not None:
-            shutil.rmtree(logs, ignore_errors=True)
-        raise UserError(f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}")
+        has_poses = telemetry is not None and telemetry.next_frame > telemetry.first_frame
+        raise _without_results(job, None if has_poses else _no_pose_reason(logs), logs, warn)
     keep_logs(logs, job.out)
     if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
         copy_learnt(job.fit, job.out / FIT_FOLDER)
@@ -94,6 +91,18 @@ def live(
                 report["live"]["settled_latency_s"] = settled_s
     _finish_recording(job, warn)
     return report
+
+
+def _without_results(job: LiveJob, reason: str | None, logs: Path, warn: Callable[[str], None]) -> UserError:
+    """What a run tells that wrote no results, and which of the logs are left if the reason is not known."""
+    said = f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}"
+    if reason:
+        shutil.rmtree(logs, ignore_errors=True)
+    try:
+        _finish_recording(job, warn)
+    except UserError as problem:
+        said += f"; {problem}"
+    return UserError(said)
 
 
 def _no_pose_reason(logs: Path) -> str | None:

@@ -121,7 +121,9 @@ def run_services(
                     warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
-    except UserError:  # says all that the logs could
+    except UserError as error:
+        if any("Traceback" in log.read_text(errors="replace") for log in logs.glob("*.log")):
+            raise UserError(f"{error}; the logs are in {logs}") from None
         shutil.rmtree(logs, ignore_errors=True)
         raise
     return logs, stop.count > 0, telemetry

@@ -1,7 +1,7 @@
 """What there is to learn a camera's background from: its clean plate, or pictures spread over its video."""
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -141,10 +141,13 @@ def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
 
     They are keyframes, which are decoded alone, where there are enough.
     """
-    keys = keyframes(take, camera)[1]
-    frames: Sequence[int] = keys if len(keys) >= most else range(take.settings.frames)
-    picker, ahead = take.picker(camera), take.settings.offset(camera.name)
-    return np.array([picker.read(frames[i] + ahead) for i in evenly(len(frames), most).tolist()])
+    index, keys = keyframes(take, camera)
+    if len(keys) >= most:
+        picker, ahead = take.picker(camera), take.settings.offset(camera.name)
+        return np.array([picker.read(keys[i] + ahead) for i in evenly(len(keys), most).tolist()])
+    wanted = set(evenly(take.settings.frames, most).tolist())
+    with take.video(camera, 0, take.settings.frames, index) as video:
+        return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
 
 
 def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:

@@ -1,5 +1,6 @@
 """What users bring to cut the actor out: a matting network in an ONNX file, or a plug-in."""
 
+import logging
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -15,6 +16,8 @@ from services.mocap.errors import UserError
 from services.mocap.take.segmenter_name import GROUP
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 from services.segmentation.cleanup import cleanup
+
+log = logging.getLogger(__name__)
 
 _HALF = 0.25, 0.75
 """Range of undecided opacities."""
@@ -73,6 +76,7 @@ class OnnxMatte:
             }
             return list(self._session.run(None, feeds))
         except Exception as problem:
+            log.exception("%s failed", self._file)
             reason = next(iter(str(problem).splitlines()), type(problem).__name__)
             raise UserError(f"{self._file}: failed on a picture ({reason}): export it again") from problem
 
@@ -136,6 +140,7 @@ class PluginMatte:
         except UserError:
             raise
         except Exception as problem:
+            log.exception("%s failed", self._name)
             raise UserError(
                 f"--segmenter {self._name}: failed on a picture ({type(problem).__name__}: {problem}): ask "
                 "its authors"

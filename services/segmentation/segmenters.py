@@ -152,8 +152,7 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> GroupMat
                 where = f"{background.take.folder}: {what}{background.camera.name}"
                 raise UserError(f"{where}: {error}") from None
 
-        # Else one after the other: estimates hold many pictures in memory, and segmenters of other
-        # packages may not be thread-safe.
+        # Else in the cameras' order: estimates hold many pictures in memory.
         if kind == USUAL and all(background.is_recorded for background in backgrounds):
             return side_by_side(of_camera, backgrounds)
         return [of_camera(background) for background in backgrounds]

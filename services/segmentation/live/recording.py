@@ -73,7 +73,9 @@ class CameraRecording:
         except UserError as error:
             self._give_up(error)
         except Exception as error:  # whatever it is, nobody may wait for room in the queue
-            self._give_up(UserError(f"{self._folder}: cannot record there: {error}"))
+            log.exception("%s cannot be recorded", self._camera.name)
+            what = f"{type(error).__name__}: {error}"
+            self._give_up(UserError(f"{self._folder}: cannot record there: {what}"))
 
     def _give_up(self, problem: UserError) -> None:
         """Note why, and drop what comes until the end, so that nobody waits for room in the queue."""
