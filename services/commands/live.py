@@ -11,6 +11,7 @@ from rich.text import Text
 
 from proto.messages import DROPPED_BY
 from services import options
+from services.address import LOOPBACK
 from services.commands.consoles import say, stderr, stdout, warn
 from services.commands.track import corrected_in_words
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
@@ -64,7 +65,9 @@ def live(
     groups = _groups_to_serve(config, take, group, record)
     if group is None:
         check_out(folder)
-    page = tell_page(port) if watch and group is None else None
+    watch = watch and group is None
+    if watch:
+        port = tell_page(port)
     warn(check_sources(take, take.cameras_of(groups)))
     engine, output = options.engine_settings(backend, threads), options.output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset, body)
@@ -78,7 +81,7 @@ def live(
         search=search,
         output=output,
         segmenter=segmenter,
-        page=page,
+        page=f"{LOOPBACK}:{port}" if watch else None,
         record=record,
         keys=keys,
         fit=_fit(take, group),

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from proto.streams import stream_endpoint
 from services import options
+from services.address import LOOPBACK
 from services.commands.actor_in_view import in_view
 from services.commands.checks import CheckOption, check_files, compare_cameras, look_before
 from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
@@ -92,7 +93,8 @@ def track(
     check_out(folder)
     if endpoint is not None:
         stream_endpoint(endpoint, "tasks")  # a mistake is told at once
-    page = tell_page(port) if watch else None
+    if watch:
+        port = tell_page(port)
     opened = open_take(take)
     warn(opened.remarks)
     engine = options.engine_settings(backend, threads)
@@ -100,7 +102,7 @@ def track(
     job = TakeJob(
         take=opened,
         out=folder,
-        page=page,
+        page=f"{LOOPBACK}:{port}" if watch else None,
         frames=opened.frame_range(frames),
         workers=workers,
         overlay=overlay,

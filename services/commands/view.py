@@ -52,19 +52,19 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not installed: pip install 'xormocap[page]'")
 
 
-def tell_page(port: int) -> str:
-    """Print the page's address; returns it as HOST:PORT. Raises as check_page, and if the port is in use."""
+def tell_page(port: int) -> int:
+    """Print the page's address; returns its port. Raises as check_page, and if the port is in use."""
     check_page()
     with socket.socket() as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             trial.bind((LOOPBACK, port))
-            port = trial.getsockname()[1]  # of 0 a free one
+            port = int(trial.getsockname()[1])  # if it was 0, a free one
         except OSError as problem:
             reason = (problem.strerror or "is in use").lower()
             raise UserError(f"--port {port}: {reason}: choose another") from None
     say(f"open http://{LOOPBACK}:{port}", stderr)
-    return f"{LOOPBACK}:{port}"
+    return port
 
 
 def view(

@@ -191,18 +191,17 @@ def test_a_plug_in(small_take: SmallTake, has_plate: bool) -> None:
 
 
 @pytest.mark.usefixtures("plug_ins")
-def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("wrong", r"expected masks of .* got .* of float32"),
+        ("failing", r"failed on a picture \(ValueError: no memory for"),
+    ],
+)
+def test_a_plug_in_that_fails_or_answers_nonsense(small_take: SmallTake, name: str, said: str) -> None:
     take = open_take(small_take())
-    made = make_segmenter(take, take.cameras, "wrong")
-    with pytest.raises(UserError, match=r"--segmenter wrong: expected masks of .* got .* of float32"):
-        next(made.trimaps(0, 1))
-
-
-@pytest.mark.usefixtures("plug_ins")
-def test_a_plug_in_that_fails_on_a_picture(small_take: SmallTake) -> None:
-    take = open_take(small_take())
-    made = make_segmenter(take, take.cameras, "failing")
-    with pytest.raises(UserError, match=r"--segmenter failing: failed on a picture \(ValueError: no memory"):
+    made = make_segmenter(take, take.cameras, name)
+    with pytest.raises(UserError, match=f"--segmenter {name}: {said}"):
         next(made.trimaps(0, 1))
 
 

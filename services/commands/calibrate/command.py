@@ -33,7 +33,8 @@ _OPTIONS_OF: dict[str, set[str]] = {
     "clips": {"out", "lens", "level", "points", "up", *_BOARD},
     "points": {"lens", "out", "up"},
 }
-"""What can be asked for, by its parameter, and which others have an effect with it."""
+"""By the parameter that asks for it, what the command does, and which other parameters have an effect then.
+If several of them are given, the first one here counts."""
 
 
 def calibrate(
