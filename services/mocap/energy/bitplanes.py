@@ -29,7 +29,8 @@ def pack(masks: Mask | Sequence[Mask]) -> Bytes:
     """Pack masks (C, H, W) into planes (P, H, W)."""
     planes: Bytes = np.zeros((n_planes(len(masks)), *masks[0].shape), np.uint8)
     for c, mask in enumerate(masks):
-        planes[c // CAMERAS_PER_PLANE] |= mask.view(np.uint8) << c % CAMERAS_PER_PLANE
+        # Bytes are multiplied by vector instructions, but shifted one by one.
+        planes[c // CAMERAS_PER_PLANE] |= mask * np.uint8(1 << c % CAMERAS_PER_PLANE)
     return planes
 
 
@@ -48,7 +49,7 @@ def unpack_classes(planes: Bytes, n_cameras: int) -> Bytes:
     classes: Bytes = np.zeros((n_cameras, *planes.shape[2:]), np.uint8)
     for bit, of_bit in enumerate(planes):
         for c in range(n_cameras):
-            classes[c] |= (of_bit[c // CAMERAS_PER_PLANE] >> c % CAMERAS_PER_PLANE & 1) << bit
+            classes[c] |= camera_bit(of_bit, c) * np.uint8(1 << bit)
     return classes
 
 
@@ -149,8 +150,8 @@ def trimap_of(silhouette: Mask) -> Trimap:
 
 def camera_bit(planes: Bytes, camera: int) -> Mask:
     """The mask (H, W) of one camera in planes (P, H, W)."""
-    bit: Bytes = planes[camera // CAMERAS_PER_PLANE] >> (camera % CAMERAS_PER_PLANE) & 1
-    return bit.astype(bool)
+    is_set: Mask = planes[camera // CAMERAS_PER_PLANE] & np.uint8(1 << camera % CAMERAS_PER_PLANE) != 0
+    return is_set
 
 
 def count_bits(planes: Bytes) -> int:

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
-from services.mocap.search.best_path import PathSearch
+from services.mocap.search.best_path import Chosen, PathSearch
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -72,12 +72,19 @@ def solve_both_ways(
         path.add(seen[frame], forward[frame], back.pose)
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
-    aligned_only = settings.aligned_only()
+    aligned_only, best = settings.aligned_only(), path.best()[::-1]
+
+    def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
+        planes, chosen = of_frame
+        whole = Picture.of_frame(model.rig, planes)
+        return solve_frame(copy, whole, chosen.pose[None], aligned_only, limbs)
+
+    solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
     trust = PartConfidence(model.rig, settings.doubt_px)
-    for frame, chosen in enumerate(path.best()[::-1]):
+    for frame, chosen in enumerate(best):
         yield Step("settling", frame)
-        whole = Picture.of_frame(model.rig, seen[frame])
-        solution = solve_frame(model, whole, chosen.pose[None], aligned_only, limbs, trust)
+        solution = next(solutions)
+        trust.judge(solution)
         if "torso" in solution.distrusted:
             solution = unless_far(solution, chosen.pose, seen[frame])
         doubt_rivals(solution, chosen)

@@ -1,5 +1,6 @@
 """The chains: which parameters a sub-problem varies, what it draws, and where it looks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,12 +97,21 @@ def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
 
     pose (D,) says where the segments are. The paper, section 4.2.
     """
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0, list(stage.segments)]
-    centres_m = body.centres_m[list(stage.segments)]
-    turned_m = np.einsum("sij,sj->si", T_world_segment[:, :3, :3], centres_m)
-    centre_world_m = (turned_m + T_world_segment[:, :3, 3]).mean(axis=0)
-    homogeneous = rig.P_px_world @ np.append(centre_world_m, 1.0)
-    depth_m = np.maximum(homogeneous[:, 2:], 1e-3)  # behind a camera: the window is at the picture's edge
-    size_px = window_size_px(stage, rig)
-    origins_px: Ints = (np.rint(homogeneous[:, :2] / depth_m) - size_px // 2).astype(np.int32)
-    return np.clip(origins_px, 0, np.maximum(rig.sizes_px - size_px, 0))
+    origins_px: Ints = windows_origins_px((stage,), pose, body, rig)[0]
+    return origins_px
+
+
+def windows_origins_px(stages: Sequence[Stage], pose: Floats, body: Body, rig: Rig) -> Ints:
+    """(N, C, 2) as window_origins_px, of several stages."""
+    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
+    turned_m = np.einsum("sij,sj->si", T_world_segment[:, :3, :3], body.centres_m)
+    centres_m = turned_m + T_world_segment[:, :3, 3]
+    of_stages_m = np.array([centres_m[list(stage.segments)].mean(axis=0) for stage in stages])
+    P = rig.P_px_world
+    homogeneous = of_stages_m @ P[:, :, :3].transpose(0, 2, 1) + P[:, None, :, 3]
+    depth_m = np.maximum(homogeneous[:, :, 2:], 1e-3)  # behind a camera: the window is at the picture's edge
+    sizes_px = np.array([window_size_px(stage, rig) for stage in stages], np.int32)[:, None, None]
+    centres_px = np.rint(homogeneous[:, :, :2] / depth_m).transpose(1, 0, 2)
+    origins_px = (centres_px - sizes_px // 2).astype(np.int32)
+    inside_px: Ints = np.clip(origins_px, 0, np.maximum(rig.sizes_px - sizes_px, 0))
+    return inside_px

@@ -13,19 +13,18 @@ from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.best_path import SAME_M, apart_m
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS
 from services.mocap.search.descent import Solution
-from services.mocap.search.error_by_part import PART_STAGES, error_by_part
-from services.mocap.search.found import Clock, FrameSolution
+from services.mocap.search.error_by_part import error_by_part
+from services.mocap.search.found import Clock, Differences, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.limb import promising_of_pair
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import (
-    Differences,
     PartConfidence,
     confidences,
     differences,
     inner,
-    within,
+    within_windows,
 )
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_stage, whole_body_problem
@@ -116,8 +115,8 @@ class _Search:
         found = differences(self.model, self.whole, seen.pose, seen.covered)
         if self._wrong_px is not None:
             wrong = inner(self.model.colours.wrong(self.whole, seen.pose))
-            for part, stage in PART_STAGES.items():
-                found.px[part] += round(self.settings.colour * within(wrong, self.model, stage, seen.pose))
+            for part, px in within_windows(wrong, self.model, seen.pose).items():
+                found.px[part] += round(self.settings.colour * px)
         contact_px = self.model.aligner(self.settings).contact_px(seen.pose[None], self.settings)[0]
         for limb, px in zip(LIMB_NAMES, contact_px, strict=True):
             found.px[limb] += round(px)
@@ -252,8 +251,8 @@ def solve_by_contours(
     solution.evaluations += 1
     solution.evidence = evidence_of(best.aligned.rim, left.nearest_px, best.pose)
     solution.confidence = confidences(solution.evidence, best.aligned.rim)
-    solution.distrusted = trust.distrusted(left, solution.confidence)
-    trust.remember(left)
+    solution.differences = left
+    trust.judge(solution)
     search.clock.book("torso")
     return solution
 

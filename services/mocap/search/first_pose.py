@@ -155,9 +155,13 @@ def _promising(model: Model, picture: Picture, starts: Floats, settings: SearchS
 
 def _aligned(model: Model, picture: Picture, starts: Floats, settings: SearchSettings) -> Floats:
     """Starts (N, D), each aligned twice with a picture, the best first."""
-    aligner = model.aligner(settings)
-    poses = np.array([aligner.align(picture, start, settings).pose for start in starts])
-    poses = np.array([aligner.align(picture, pose, settings).pose for pose in poses])
+
+    def aligned(copy: Model, pose: Floats) -> Floats:
+        for _ in range(2):
+            pose = copy.aligner(settings).align(picture, pose, settings).pose
+        return pose
+
+    poses = np.array(list(model.copies.each(aligned, starts)))
     energies = whole_body_energy(model, picture, settings)(poses)
     return np.asarray(poses[np.argsort(energies, kind="stable")])
 

@@ -12,6 +12,18 @@ from services.mocap.take.marks import PARTS, LimbName, Part
 from services.mocap.types import Floats
 
 
+@dataclass(frozen=True)
+class Differences:
+    """Pixels in which a pose differs from the input by more than the rim."""
+
+    px: dict[Part, int]
+    """Number of pixels over all cameras within each part's windows; for the torso, in whole pictures."""
+    nearest_px: dict[Part, int]
+    """Number of pixels nearest to each part."""
+    share: float
+    """All these pixels over the number of input pixels, including unsure ones that the model covers."""
+
+
 @dataclass(eq=False)
 class FrameSolution:
     """A frame's pose and the effort of finding it."""
@@ -33,6 +45,8 @@ class FrameSolution:
     """The probability that no joint of a part is more than 15 cm off, if it was computed."""
     evidence: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(6, n) what it was computed from (lost_probability)."""
+    differences: Differences | None = None
+    """None for the paper's search."""
     distrusted: list[Part] = field(default_factory=list)
     """Parts whose pose is probably wrong; the torso stands for the whole body."""
     measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})

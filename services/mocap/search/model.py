@@ -1,9 +1,13 @@
 """The body, the cameras and the backend."""
 
-from collections.abc import Collection, Iterator
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from queue import SimpleQueue
+from typing import TypeVar
 
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.rig import Rig
@@ -15,11 +19,18 @@ from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.settings import SearchSettings
+from services.mocap.side_by_side import N_CORES
+
+_MOST_COPIES = 4
+"""Each takes some tens of megabytes."""
+
+_Given = TypeVar("_Given")
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The body, the cameras, and a backend made for both."""
+    """The body, the cameras, and a backend made for both; only one thread at a time may use it."""
 
     body: Body
     rig: Rig
@@ -46,12 +57,62 @@ class Model:
         return ColourPainter(self.body, self.rig)
 
     @cached_property
+    def copies(self) -> "ModelCopies":
+        """Copies of the model, to solve several frames or poses at the same time."""
+        return ModelCopies(self)
+
+    @cached_property
     def _thinned(self) -> Aligner:
         return Aligner(self.body, self.rig)
 
     @cached_property
     def _full(self) -> Aligner:
         return Aligner(self.body, self.rig, thinned=False)
+
+
+class ModelCopies:
+    """Copies of a model with backends of their own on the CPU, one for every core up to four.
+
+    They draw the same pixels as the model. Only a model that draws as the paper did, which nothing else does,
+    works alone.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._n = 1 if model.backend.name == "paper" else min(N_CORES, _MOST_COPIES)
+        self._models = SimpleQueue[Model]()
+        self._pool = ThreadPoolExecutor(self._n, "model")
+        if self._n == 1:
+            self._models.put(model)
+        else:
+            for _ in range(self._n):
+                self._models.put(Model(model.body, model.rig, CpuBackend(model.body, model.rig)))
+
+    def each(self, work: Callable[[Model, _Given], _Made], given: Iterable[_Given]) -> Iterator[_Made]:
+        """What work makes of each, in order; the caller's thread reads what is given a little ahead.
+
+        Raises what the work raises.
+        """
+        if self._n == 1:  # an OpenGL context belongs to the caller's thread
+            yield from (self._work(work, one) for one in given)
+            return
+        waiting = deque[Future[_Made]]()
+        try:
+            for one in given:
+                waiting.append(self._pool.submit(self._work, work, one))
+                if len(waiting) == 2 * self._n:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+    def _work(self, work: Callable[[Model, _Given], _Made], one: _Given) -> _Made:
+        model = self._models.get()
+        try:
+            return work(model, one)
+        finally:
+            self._models.put(model)
 
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:

@@ -7,23 +7,23 @@ a limb is elsewhere, or that something that is not part of the body is in the pi
 
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import camera_bit, count_bits
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, count_bits
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.best_path import Chosen
-from services.mocap.search.chains import Stage, pixel_scale, window_origins_px, window_size_px
+from services.mocap.search.chains import pixel_scale, window_size_px, windows_origins_px
 from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.found import Differences, FrameSolution
 from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities, rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Ints
 
 _REMEMBERED = 15
 """Frames from which the usual difference is estimated."""
@@ -39,18 +39,6 @@ LEAST_CONFIDENCE = 0.95
 """A limb or the head with a lower confidence is marked."""
 
 
-@dataclass(frozen=True)
-class Differences:
-    """Pixels in which a pose differs from the input by more than the rim."""
-
-    px: dict[Part, int]
-    """Number of pixels over all cameras within each part's windows; for the torso, in whole pictures."""
-    nearest_px: dict[Part, int]
-    """Number of pixels nearest to each part."""
-    share: float
-    """All these pixels over the number of input pixels, including unsure ones that the model covers."""
-
-
 def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
     """Compare whole pictures with what the model covers there (P, H, W) in a pose (D,)."""
     counted = ~whole.ignored
@@ -61,8 +49,7 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
     share = px["torso"] / max(count_bits(whole.likely(covered)), 1)
     if not px["torso"]:
         return Differences(px, px.copy(), share)
-    for part, stage in PART_STAGES.items():
-        px[part] = within(thick, model, stage, pose)
+    px |= within_windows(thick, model, pose)
     return Differences(px, pixels_by_part(thick, model, pose), share)
 
 
@@ -74,12 +61,27 @@ def inner(planes: Bytes) -> Bytes:
     return inner
 
 
-def within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
-    """Set bits in the windows of a stage."""
-    size, total = window_size_px(stage, model.rig), 0
-    for c, (x, y) in enumerate(window_origins_px(stage, pose, model.body, model.rig)):
-        total += int(np.count_nonzero(camera_bit(planes[:, y : y + size, x : x + size], c)))
-    return total
+def within_windows(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
+    """Set bits of planes (P, H, W) in the windows of each limb and the head, about a pose (D,)."""
+    stages, rig = tuple(PART_STAGES.values()), model.rig
+    sizes_px = np.array([window_size_px(stage, rig) for stage in stages], np.int32)
+    counts: Ints = np.zeros(len(stages), np.int32)
+    _count_within(planes, windows_origins_px(stages, pose, model.body, rig), sizes_px, counts)
+    return dict(zip(PART_STAGES, counts.tolist(), strict=True))
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_within(planes: Bytes, origins_px: Ints, sizes_px: Ints, counts: Ints) -> None:
+    """Add to counts (N,) the set bits of planes (P, H, W) in squares of N sizes at origins (N, C, 2)."""
+    for n in range(len(sizes_px)):
+        total = 0
+        for c in range(origins_px.shape[1]):
+            left, top = origins_px[n, c]
+            square = planes[c // CAMERAS_PER_PLANE, top : top + sizes_px[n], left : left + sizes_px[n]]
+            for row in square:
+                for bits in row:
+                    total += bits >> c % CAMERAS_PER_PLANE & 1
+        counts[n] += total
 
 
 class PartConfidence:
@@ -137,6 +139,12 @@ class PartConfidence:
         for part in parts:
             self._fruitless[part] = 0 if gained else self._fruitless[part] + 1
             self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
+
+    def judge(self, solution: FrameSolution) -> None:
+        """Mark the parts of a solution by contours that are doubtful, and add the frame to the estimate."""
+        if solution.differences is not None:
+            solution.distrusted = self.distrusted(solution.differences, solution.confidence)
+            self.remember(solution.differences)
 
     def remember(self, found: Differences) -> None:
         """Add a solved frame to the estimate; parts that differ by far more than usual are left out, except

@@ -1,6 +1,7 @@
 """Of two tracks each limb comes from the one that has it, and every frame is solved from there."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,22 @@ def test_a_limb_that_the_first_way_lost_is_found(
         assert joint_errors_mm(solution.pose, truth[frame]).max() < 25
         assert solution.distrusted == []
         assert solution.limb_seconds == {}, "the last step only aligns"
+
+
+def test_the_number_of_cores_changes_nothing(
+    model: Model, truth: Floats, seen: list[TriPlanes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def solved(n_cores: int) -> list[FrameSolution]:
+        monkeypatch.setattr("services.mocap.search.model.N_CORES", n_cores)
+        anew = replace(model)  # without copies
+        steps = solve_both_ways(anew, SETTINGS, LocalLimbs(anew), seen, truth, FPS)
+        return [step.solution for step in steps if step.solution is not None]
+
+    for one, other in zip(solved(1), solved(3), strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        np.testing.assert_array_equal(one.evidence, other.evidence)
+        assert one.confidence == other.confidence
+        assert (one.energy_px, one.measured) == (other.energy_px, other.measured)
 
 
 def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(

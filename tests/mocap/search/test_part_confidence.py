@@ -11,11 +11,10 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.best_path import Chosen
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.found import Differences, FrameSolution
 from services.mocap.search.lost_probability import evidence_of, rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import (
-    Differences,
     PartConfidence,
     confidences,
     differences,
