@@ -1,6 +1,5 @@
 """Keeps the silhouettes of all frames of a take, compressed, in a temporary file."""
 
-import os
 import tempfile
 import zlib
 
@@ -13,10 +12,10 @@ _FAST = 1
 
 
 class SilhouetteSpool:
-    """Silhouettes by frame; frames are added in order, and read in any order and by any thread."""
+    """Silhouettes by frame; frames are added in order and read in any order."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(buffering=0, prefix="xormocap-silhouettes-")  # noqa: SIM115  (closed by close)
+        self._file = tempfile.TemporaryFile(prefix="xormocap-silhouettes-")  # noqa: SIM115  (closed by close)
         self._ends = [0]
         self._shape: tuple[int, ...] = ()
 
@@ -33,8 +32,8 @@ class SilhouetteSpool:
 
     def __getitem__(self, frame: int) -> TriPlanes:
         """The silhouettes (P, H, W) of a frame, from 0."""
-        start, end = self._ends[frame], self._ends[frame + 1]
-        content = zlib.decompress(os.pread(self._file.fileno(), end - start, start))
+        self._file.seek(self._ends[frame])
+        content = zlib.decompress(self._file.read(self._ends[frame + 1] - self._ends[frame]))
         silhouettes, unsure, *classes = np.frombuffer(content, np.uint8).reshape(-1, *self._shape[1:]).copy()
         return TriPlanes(silhouettes, unsure, np.array(classes) if classes else None)
 

@@ -1,6 +1,5 @@
 """Of two tracks each limb comes from the one that has it, and every frame is solved from there."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,7 @@ from services.mocap.body.kinematics import joint_positions
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
-from services.mocap.search.both_ways import Step, _blocks, solve_both_ways
+from services.mocap.search.both_ways import Step, solve_both_ways
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.found import FrameSolution
@@ -121,12 +120,9 @@ def test_a_limb_that_the_first_way_lost_is_found(
         assert solution.limb_seconds == {}, "the last step only aligns"
 
 
-@pytest.mark.parametrize("block_s", [10.0, 2 / FPS])
 def test_the_number_of_cores_changes_nothing(
-    model: Model, truth: Floats, seen: list[TriPlanes], block_s: float, monkeypatch: pytest.MonkeyPatch
+    model: Model, truth: Floats, seen: list[TriPlanes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.mocap.search.both_ways._BLOCK_S", block_s)
-
     def solved(n_cores: int) -> list[FrameSolution]:
         monkeypatch.setattr("services.mocap.search.model.N_CORES", n_cores)
         anew = replace(model)  # without copies
@@ -138,67 +134,6 @@ def test_the_number_of_cores_changes_nothing(
         np.testing.assert_array_equal(one.evidence, other.evidence)
         assert one.confidence == other.confidence
         assert (one.energy_px, one.measured) == (other.energy_px, other.measured)
-
-
-@pytest.mark.parametrize("overlap_s", [0.0, 1 / FPS])
-def test_a_long_take_is_tracked_back_in_blocks(
-    model: Model,
-    truth: Floats,
-    seen: list[TriPlanes],
-    standing: Callable[..., Floats],
-    joint_errors_mm: Callable[[Floats, Floats], Floats],
-    overlap_s: float,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("services.mocap.search.both_ways._BLOCK_S", 2 / FPS)
-    monkeypatch.setattr("services.mocap.search.both_ways._OVERLAP_S", overlap_s)
-    monkeypatch.setattr("services.mocap.search.both_ways._SAY_EVERY_S", 0.001)
-    forward = without(truth, "left_arm", slice(1, N - 1), standing)
-    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), seen, forward, FPS))
-    told = [step.frame for step in steps if step.sweep == "tracking back"]
-    assert told == sorted(told, reverse=True)
-    assert told[0] == N - 1
-    assert told[-1] >= 0
-    solved = [step for step in steps if step.solution is not None]
-    assert [step.frame for step in solved] == list(range(N))
-    for step in solved:
-        assert step.solution is not None
-        assert joint_errors_mm(step.solution.pose, truth[step.frame]).max() < 25
-
-
-def test_blocks_are_of_one_length_and_leave_no_frame_out() -> None:
-    assert _blocks(1, FPS) == [range(1)]
-    assert _blocks(224, FPS) == [range(224)]
-    assert _blocks(1158, FPS) == [
-        *(range(145), range(145, 290), range(290, 434), range(434, 579)),
-        *(range(579, 724), range(724, 868), range(868, 1013), range(1013, 1158)),
-    ]
-
-
-def test_blocks_that_nobody_waits_for_end(
-    model: Model, truth: Floats, seen: list[TriPlanes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun, solve = threading.Event(), Tracker.solve
-    held, solved = threading.Event(), list[int]()
-
-    def held_up(*given: Any, **named: Any) -> FrameSolution:
-        begun.set()
-        assert held.wait(10.0)
-        solved.append(0)
-        return solve(*given, **named)
-
-    monkeypatch.setattr(Tracker, "solve", held_up)
-    monkeypatch.setattr("services.mocap.search.both_ways._BLOCK_S", 3 / FPS)
-    monkeypatch.setattr("services.mocap.search.model.N_CORES", 2)
-    anew = replace(model)
-    steps = solve_both_ways(anew, SETTINGS, LocalLimbs(anew), seen, truth, FPS)
-    next(steps)
-    assert begun.wait(10.0)
-    steps.close()
-    held.set()
-    anew.copies.start(lambda _model, _given: None, 0).result()
-    anew.copies.start(lambda _model, _given: None, 0).result()
-    assert len(solved) <= 2, "each block solves the frame that it has begun, and no other"
 
 
 def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
