@@ -71,34 +71,35 @@ class Model:
 
 
 class ModelCopies:
-    """Copies of a model with backends of their own on the CPU, one for every core up to four.
+    """Copies of a model, one for every core up to four, each for a thread of its own.
 
-    They draw the same pixels as the model. Only a model that draws as the paper did, which nothing else does,
-    works alone.
+    They draw on the CPU, which draws the same pixels as a GPU.
     """
 
     def __init__(self, model: Model) -> None:
-        self._n = 1 if model.backend.name == "paper" else min(N_CORES, _MOST_COPIES)
-        self._models = SimpleQueue[Model]()
+        self._n = min(N_CORES, _MOST_COPIES)
         self._pool = ThreadPoolExecutor(self._n, "model")
-        if self._n == 1:
-            self._models.put(model)
-        else:
-            for _ in range(self._n):
-                self._models.put(Model(model.body, model.rig, CpuBackend(model.body, model.rig)))
+        self._models = SimpleQueue[Model]()
+        for _ in range(self._n):
+            self._models.put(Model(model.body, model.rig, CpuBackend(model.body, model.rig)))
 
     def each(self, work: Callable[[Model, _Given], _Made], given: Iterable[_Given]) -> Iterator[_Made]:
         """What work makes of each, in order; the caller's thread reads what is given a little ahead.
 
         Raises what the work raises.
         """
-        if self._n == 1:  # an OpenGL context belongs to the caller's thread
-            yield from (self._work(work, one) for one in given)
-            return
+
+        def with_copy(one: _Given) -> _Made:
+            model = self._models.get()
+            try:
+                return work(model, one)
+            finally:
+                self._models.put(model)
+
         waiting = deque[Future[_Made]]()
         try:
             for one in given:
-                waiting.append(self._pool.submit(self._work, work, one))
+                waiting.append(self._pool.submit(with_copy, one))
                 if len(waiting) == 2 * self._n:
                     yield waiting.popleft().result()
             while waiting:
@@ -106,13 +107,6 @@ class ModelCopies:
         finally:
             for future in waiting:
                 future.cancel()
-
-    def _work(self, work: Callable[[Model, _Given], _Made], one: _Given) -> _Made:
-        model = self._models.get()
-        try:
-            return work(model, one)
-        finally:
-            self._models.put(model)
 
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
