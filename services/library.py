@@ -147,7 +147,7 @@ def _tracked(
             rig, hints, lambda model, _: LocalLimbs(model), opened, search, names=names
         )
         first = search_first.solve(begun, actor, first_pose)
-        with closing(first.model.backend):
+        with closing(first.model):
             if search.goes_both_ways:
                 solved = _both_ways(first, begun, seen, poses, search, fps)
             else:

@@ -10,8 +10,7 @@ from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.segmentation.silhouettes import Segmenter
 
 _EVERY, _MOST_LOOKS = 10, 60
-"""For the actor every tenth frame is looked at, but at most 60 frames of a take, because each look opens all
-videos."""
+"""For the actor every tenth frame is looked at, but at most 60 frames of a take."""
 _FURTHER_LOOKS = 6
 """After a frame that shows the actor, so many more are looked at for one that every camera sees."""
 _NOT_IN_VIEW = (

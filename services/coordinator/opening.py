@@ -66,7 +66,7 @@ class Opening:
         if told is not None:
             self._rehearsed = model
         else:
-            model.backend.close()
+            model.close()
 
     def find(self, frames: FrameInput) -> tuple[Frame, FrameSolution, Tracking] | None:
         """Find the actor: in the first frame of a recorded take, in the first live one that shows somebody.

@@ -164,8 +164,8 @@ class Switchboard:
             if self.dispatcher.heard(identity) or identity in self.recorders:
                 self._ports.send(identity, Beat())
         elif isinstance(message, LimbResult | LimbRefusal):
+            self.dispatcher.finished(identity, message)  # first: heard may take a slow worker's task away
             self.dispatcher.heard(identity)
-            self.dispatcher.finished(identity, message)
         elif isinstance(message, BlobRequest | SilhouettesRequest):
             self._send_content(identity, message)
         elif isinstance(message, Recording | PoseRequest | Recorded):

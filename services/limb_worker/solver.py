@@ -61,7 +61,7 @@ class LimbSolver:
             rig = self.blobs.rig(task)
             model = model_of(self.blobs.actor(task), rig, self._engine)
             for forgotten in keep_latest(self._models, key, model, self._most):
-                forgotten.backend.close()
+                forgotten.close()
         self._models.move_to_end(key)
         return self._models[key]
 

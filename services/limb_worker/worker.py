@@ -89,6 +89,7 @@ class Worker:
                 self._solver.blobs.add(message)
             except UnusableBlobError as error:
                 log.warning("unusable content: %s", error)
+                return
             if message.kind == "actor":  # it may need a mesh
                 for giver, task in self._turns:
                     self._ask_for(giver, task)

@@ -53,6 +53,7 @@ class Collection:
         if isinstance(message, TakeInfo):
             if self._run not in (None, message.run):
                 self.info, self._end, self._blobs = None, None, BlobStore()
+                self._is_empty = self._is_settled = False
                 self._store.forget()
             self.is_announced = True
         if isinstance(message, TakeInfo | Blob):

@@ -149,12 +149,12 @@ def guess_first_pose(
 ) -> FirstFrame:
     """The generic body or the mesh, and its pose in the first frame, whose silhouettes are `seen` (P, H, W).
 
-    names: of the cameras. The model's backend is closed. Raises TakeError for an implausible height.
+    names: of the cameras. The model is closed. Raises TakeError for an implausible height.
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
     first = FirstFrameSearch(
         rig, hints, lambda model, _: LocalLimbs(model), engine, search, names=names, mesh=mesh
     )
     guess = first.guess(hull, Picture.of_frame(rig, seen), None, is_fitted_next=True)
-    guess.model.backend.close()
+    guess.model.close()
     return guess

@@ -120,10 +120,10 @@ class ForkServer:
                 self._line.send(birth)
                 while not isinstance(said := self._line.recv(), int):
                     self._codes.update([said])
+                self._codes.pop(said, None)  # of an earlier process with this id
         except (EOFError, OSError):
             why = last_line(self._log_path)
             raise ServiceFailedError(f"the process that starts services has ended: {why}") from None
-        self._codes.pop(said, None)  # of an earlier process with this id
         return Forked(self, said)
 
     def code_of(self, pid: int) -> int | None:

@@ -70,9 +70,13 @@ def live(
         lasting=("coordinator", "segmentation"),
         alone_s=15.0,
     )
-    before_ns = written_ns(job.out)
+    before_ns, cut_off = written_ns(job.out), partial_of(job.out)
     with recording_to(job.record):
         logs, _, telemetry = run_services(job, setup, show, warn)
+    if written_ns(cut_off) is not None:
+        keep_logs(logs, cut_off)
+        said = f"{cut_off}: has the results of this run, which was cut off; {job.out} keeps the earlier ones"
+        raise _recorded(job, f"{said}: move them before the next run, which removes them", warn)
     if written_ns(job.out) == before_ns:
         has_poses = telemetry is not None and telemetry.next_frame > telemetry.first_frame
         raise _without_results(job, None if has_poses else _no_pose_reason(logs), logs, warn)
@@ -95,9 +99,13 @@ def live(
 
 def _without_results(job: LiveJob, reason: str | None, logs: Path, warn: Callable[[str], None]) -> UserError:
     """What a run tells that wrote no results, and which of the logs are left if the reason is not known."""
-    said = f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}"
     if reason:
         shutil.rmtree(logs, ignore_errors=True)
+    return _recorded(job, f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}", warn)
+
+
+def _recorded(job: LiveJob, said: str, warn: Callable[[str], None]) -> UserError:
+    """An error that says something, and what else is wrong with the recording, which is finished first."""
     try:
         _finish_recording(job, warn)
     except UserError as problem:

@@ -151,9 +151,9 @@ def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
 
 
 def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
-    """Up to so many small copies (N, h, w, 3) of a camera's raw pictures, decoding as few frames as possible.
+    """Small copies (N, h, w, 3), about so many, of a camera's raw pictures.
 
-    Keyframes, and frames soon after each if there are too few of them.
+    As few frames as possible are decoded: keyframes, and frames soon after each if there are too few of them.
     """
     index, keys = keyframes(take, camera)
     begins = sorted({0, *keys})

@@ -151,11 +151,11 @@ class PluginMatte:
                 f"or uint8, got {answer.shape} of {answer.dtype}: ask its authors"
             )
         if answer.dtype == np.bool_:
-            return trimap_of(np.ascontiguousarray(answer, np.bool_))
+            return trimap_of(np.array(answer, np.bool_, order="C"))  # the plug-in may keep its own
         unknown = ~np.isin(answer, (BACKGROUND, UNSURE, ACTOR), kind="table")
         if unknown.any():
             raise UserError(
                 f"--segmenter {self._name}: expected {BACKGROUND} for background, {UNSURE} for unsure and "
                 f"{ACTOR} for the actor in masks of uint8, got {answer[unknown][0]}: ask its authors"
             )
-        return np.ascontiguousarray(answer, np.uint8)
+        return np.array(answer, np.uint8, order="C")

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from services.mocap.camera.undistort import resized_trimap
 from services.mocap.errors import UserError
 from services.mocap.export.fit_sheet import Seen, draw_unsure_sheet
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, may_be_actor, without_rims
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
@@ -40,13 +42,17 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     if chosen_segmenter(take, segmenter) == READY:
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
     thirds = [UnsureThirds() for _ in take.cameras]
+
+    def write(part: Path, frame: int, trimaps: Sequence[Trimap], c: int) -> None:
+        calibrated, trimap = take.calibrated[c], trimaps[c]
+        folder = part / layout.SILHOUETTES / calibrated.name
+        write_picture(layout.silhouette_path(folder, frame), resized_trimap(trimap, calibrated))
+        thirds[c].add(frame, trimap)
+
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, segmenter)
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
-            for calibrated, trimap, of_camera in zip(take.calibrated, moment.trimaps, thirds, strict=True):
-                folder = part / layout.SILHOUETTES / calibrated.name
-                write_picture(layout.silhouette_path(folder, frame), resized_trimap(trimap, calibrated))
-                of_camera.add(frame, trimap)
+            for _ in side_by_side(partial(write, part, frame, moment.trimaps), range(len(thirds))):
                 advance()
         sentence = thirds_in_words(take.camera_names, thirds)
         if sentence:

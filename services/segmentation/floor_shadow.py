@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Bytes, Floats, Ints
 from services.segmentation.cleanup import Part
 from services.segmentation.comparison import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
@@ -70,16 +71,18 @@ class Floor:
     @classmethod
     def at(cls, height_m: float, cameras: Sequence[Camera], hidden: Bytes | None = None) -> "Floor":
         """The floor at a height over the world's origin; hidden: nothing by default."""
-        places_m: list[Levels] = []
-        for camera in cameras:
+
+        def places_m(camera: Camera) -> Levels:
             centre_m, rays = rays_of(camera)
             with np.errstate(divide="ignore", invalid="ignore"):
                 along = (height_m - centre_m[2]) / rays[..., 2]
                 places = centre_m[:2] + along[..., None] * rays[..., :2]
             is_far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
             places[~(along > 0) | is_far] = np.nan
-            places_m.append(places.astype(np.float32))
-        return cls(height_m, places_m, nothing_hidden(len(cameras)) if hidden is None else hidden)
+            return np.asarray(places, np.float32)
+
+        hidden = nothing_hidden(len(cameras)) if hidden is None else hidden
+        return cls(height_m, side_by_side(places_m, cameras), hidden)
 
     def shadow_prior(
         self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
@@ -109,28 +112,32 @@ def find_floor(
     lenses: Lenses,
     moments: Sequence[tuple[Levels, Bytes, Ints]],
     plate_means: Sequence[Steps] = (),
+    origin: Floor | None = None,
 ) -> Floor | None:
     """The floor at the height at which cameras agree best on shadows, and how dark these are; None if they do
     not agree.
 
     moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. plate_means: of each camera's
-    plate (3, H, W), in steps, which tell what hides the floor. The world's origin is tried first.
+    plate (3, H, W), in steps, which tell what hides the floor. origin: the floor at the world's origin, if
+    it is known: that is tried first.
     """
 
     def floor_at(height_m: float) -> Floor:
         hidden = hidden_floor(height_m, lenses, plate_means) if plate_means else None
         return Floor.at(height_m, cameras, hidden)
 
-    floor = _agreed_floor(floor_at, lenses, moments)
+    floor = _agreed_floor(origin or floor_at(0.0), floor_at, lenses, moments)
     if floor is None:
         return None
     return replace(floor, darkness_odds=_darkness_odds(floor, lenses, moments))
 
 
 def _agreed_floor(
-    floor_at: Callable[[float], Floor], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+    origin: Floor,
+    floor_at: Callable[[float], Floor],
+    lenses: Lenses,
+    moments: Sequence[tuple[Levels, Bytes, Ints]],
 ) -> Floor | None:
-    origin = floor_at(0.0)
     at_origin = _agreement(origin, lenses, moments)
     if at_origin >= _SURELY_AGREED:
         return origin

@@ -36,7 +36,8 @@ def foreign_plates(take: Take) -> dict[str, str]:
         }
         nearest = min(off, key=off.__getitem__)
         own[camera.name] = off[camera.name]
-        if own[camera.name] > _EXCHANGED and off[nearest] < _ALIKE * own[camera.name]:
+        is_known = np.isfinite(own[camera.name])
+        if is_known and own[camera.name] > _EXCHANGED and off[nearest] < _ALIKE * own[camera.name]:
             found[camera.name] = nearest
     are_exchanged = found.keys() == set(found.values())
     return {name: other for name, other in found.items() if are_exchanged or own[name] > _UNLIKE}
@@ -48,8 +49,8 @@ def _small(pictures: Iterable[Bytes]) -> Floats:
 
 
 def _difference(plate: Floats, seen: Floats) -> float:
-    """The median over two small pictures of how much the logarithms of their levels differ; 0 where too few
-    pixels can be compared.
+    """The median over two small pictures of how much the logarithms of their levels differ; infinite where
+    too few pixels can be compared.
 
     A ratio that most of the picture shares is left out: that of light that has changed. It is not taken from
     each picture's own median, which jumps where an actor stands before a floor and a wall of equal area.
@@ -57,6 +58,6 @@ def _difference(plate: Floats, seen: Floats) -> float:
     both = np.stack([plate, seen])
     compared = ((both > _DARKEST) & (both < _BRIGHTEST)).all(axis=(0, 3))
     if compared.mean() < _LEAST_COMPARED:
-        return 0.0
+        return np.inf
     ratio = np.log(seen[compared] / plate[compared])
     return float(np.median(np.abs(ratio - np.median(ratio, axis=0))))

@@ -166,7 +166,7 @@ class JointMatte:
         for images in moments:
             there = self._compare(images)
             seen.append((self._ratios.copy(), self._states.copy(), there))
-        self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means)
+        self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means, self._floor)
         if self._voxels is not None:
             self._fill_with_voxels(self._floor.height_m if self._floor is not None else 0.0)
 

@@ -26,14 +26,13 @@ _LIVE_EVERY = 5
 _LIVE_CONCLUSIONS = 6
 """Number of learnt shots between two conclusions."""
 _SLOWER_AFTER, _SLOWER = 60, 10
-"""After this many shots only every tenth of them is learnt from."""
+"""After this many shots were learnt from, only one of so many times as many is."""
 
 log = logging.getLogger(__name__)
 
 
 def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) -> None:
-    """Learn from moments at the start of a take and from later keyframes; the result does not depend on the
-    call."""
+    """Learn from moments at the start of a take and from later keyframes: every process learns the same."""
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
     matte.settle_floor(floor_moments)
     matte.learn_all(lambda: _moments(take, cameras))

@@ -36,6 +36,8 @@ do not see the same places."""
 _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
 """An object was moved if nearly all of this many moments show a change that no other camera confirms in half
 of them, or that static_objects explains."""
+_MOST_MOMENTS = 96
+"""When so many moments have been taken in, each counts half; a recorded take has fewer."""
 _LEAST_MOVED = 0.003
 """Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 _BLIND_PERMILLE, _LEAST_EXPECTED, _LEAST_MISSED = 16.0, 1.5, 0.9
@@ -132,6 +134,10 @@ class Learnt:
         self._expected += expected
         self._missed += expected & same
         self._moments += 1
+        if self._moments == _MOST_MOMENTS:  # live: what changed long ago counts less and less
+            for counts in (self._changed, self._unsupported, self._expected, self._missed):
+                counts >>= 1
+            self._moments //= 2
         changed, same = changed & ~self.moved, same & ~self.moved
         self._n_changed += np.bincount(classes[changed], minlength=N_CLASSES)
         bins = classes[same] * np.int64(BINS**3) + _bins_of(image_bgr[same])

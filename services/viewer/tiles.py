@@ -96,7 +96,7 @@ class TileArtist:
         if look.part is not None:  # where it is searched
             stage = PART_STAGES[look.part]
             size = window_size_px(stage, self._rig)
-            origins_px = window_origins_px(stage, solved.pose, self._body, self._rig)
+            origins_px = window_origins_px((stage,), solved.pose, self._body, self._rig)[0]
             windows = [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
         return tuple(
             self._tile(solved.frame, c, masks[c], None if doubtful is None else doubtful[c], windows[c], look)

@@ -79,9 +79,10 @@ class Floor:
         return self.inbox[identity][-1]
 
     def solve(self, *identities: Identity) -> None:
-        """Workers answer the tasks that they were given last."""
+        """Workers answer the tasks that they were given last; see Switchboard._act."""
         for identity in identities:
             self.dispatcher.finished(identity, result_of(self.latest(identity)))
+            self.dispatcher.heard(identity)
 
     def later(self, seconds: float, beating: Sequence[Identity] = ()) -> None:
         """Let time pass, while some workers beat, then tick."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import zmq
+from floor import limb_task, result_of
 
 from proto.link import Line, Link
 from proto.messages import Credit, Hello, Message, Pose, PoseRequest, Recorded, Recording, TakeEnd
@@ -51,6 +52,17 @@ def recorder(board: Switchboard, endpoint: str) -> Iterator[Link]:
         link.tick()
     yield link
     context.destroy(linger=0)
+
+
+def test_a_result_counts_for_the_deadline_before_its_worker_is_heard(
+    board: Switchboard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a task that took longer than the deadline would be taken away first, and the deadline stay."""
+    told = list[str]()
+    monkeypatch.setattr(board.dispatcher, "heard", lambda *_: told.append("heard"))
+    monkeypatch.setattr(board.dispatcher, "finished", lambda *_: told.append("finished"))
+    board._act(b"worker", result_of(limb_task()))
+    assert told == ["finished", "heard"]
 
 
 def test_a_recorder_that_confirms_and_leaves_at_once_is_not_lost(

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -10,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from proto.framing import decode, encode
-from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
+from proto.messages import Blob, BlobRequest, LimbRefusal, LimbResult, LimbTask
 from services.blob_store import UnusableBlobError
 from services.limb_worker.solver import LimbSolver
+from services.limb_worker.worker import Worker
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
@@ -242,6 +244,18 @@ def test_content_of_the_other_kind_is_not_taken(stage: Stage) -> None:
     for swapped in (actor.model_copy(update={"kind": "rig"}), rig.model_copy(update={"kind": "actor"})):
         with pytest.raises(UnusableBlobError):
             solver.blobs.add(swapped)
+
+
+def test_content_that_makes_no_sense_is_not_asked_for_again_at_once(stage: Stage) -> None:
+    """Its sender would send the same again, as fast as the network allows."""
+    sent = list[BlobRequest]()
+    link: Any = SimpleNamespace(send=sent.append)
+    worker, bad = Worker([link], CPU), blob("actor", "height = 'tall'")
+    worker._act(0, stage.task(actor=bad.hash))
+    assert bad.hash in {request.hash for request in sent}
+    n_sent = len(sent)
+    worker._act(0, bad)
+    assert len(sent) == n_sent
 
 
 def test_old_content_is_forgotten_and_asked_for_again(stage: Stage) -> None:

@@ -227,6 +227,12 @@ def test_another_run_begins_anew() -> None:
     assert [message.run for message in some.recorded()] == [OTHER]
 
 
+def test_another_run_lacks_no_settled_pose_before_it_has_one() -> None:
+    some = collection(info(), pose(0), end(1, settled=True), info(run=OTHER))
+    some.add(pose(0, run=OTHER))
+    assert some.missing_settled() is None
+
+
 def test_messages_of_other_runs_are_dropped_and_counted() -> None:
     some = collection(info(), pose(0), pose(1, run=OTHER), end(1, run=OTHER))
     assert len(some.recorded()) == 1

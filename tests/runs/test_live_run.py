@@ -8,7 +8,29 @@ from unittest.mock import Mock
 import pytest
 
 from services.mocap.errors import UserError
+from services.mocap.result.layout import LOGS, RUN_JSON, partial_of
 from services.runs import live as module
+
+
+def test_results_of_a_run_that_was_cut_off_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, part, logs = tmp_path / "out", partial_of(tmp_path / "out"), tmp_path / "logs"
+    out.mkdir()
+    (out / RUN_JSON).write_text("{}")
+
+    def cut_off(*_: object) -> tuple[Path, bool, None]:
+        part.mkdir()
+        (part / RUN_JSON).write_text("{}")
+        logs.mkdir()
+        return logs, True, None
+
+    monkeypatch.setattr(module, "run_services", cut_off)
+    take = SimpleNamespace(live=SimpleNamespace(endpoint=None), groups_here=[])
+    job: Any = SimpleNamespace(out=out, take=take, config="live.toml", record=None)
+    with pytest.raises(
+        UserError, match=f"^{part}: has the results of this run, which was cut off; {out} keeps"
+    ):
+        module.live(cast(module.LiveJob, job), show=Mock())
+    assert (part / LOGS).is_dir()
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,14 @@ def test_a_first_picture_that_is_black_or_clipped_proves_nothing(tmp_path: Path,
     assert _found(tmp_path, plates, [_brightened(plates[0], times), *plates[1:]]) == {}
 
 
+def test_a_black_picture_is_not_what_another_plate_shows(tmp_path: Path) -> None:
+    """A plate that was recorded with other settings differs from its own video by more than from black."""
+    plates = [_scene(camera, 0.3) for camera in range(4)]
+    videos = [_brightened(plates[0], 0.0), *plates[1:]]
+    contrasty = np.asarray(255 * (plates[2] / 255.0) ** 1.4, np.uint8)
+    assert _found(tmp_path, [*plates[:2], contrasty, plates[3]], videos) == {}
+
+
 @pytest.mark.parametrize("texture", [0.05, 0.3])
 @pytest.mark.parametrize("times", [0.85, 1.15])
 def test_exchanged_plates_are_named(tmp_path: Path, texture: float, times: float) -> None:

@@ -51,6 +51,19 @@ def test_what_stays_unconfirmed_is_an_object_unless_most_around_it_moves(
         assert learnt.moved.sum() < 1.5 * thing.sum()
 
 
+def test_what_is_moved_long_after_the_start_is_found_as_soon(learnt: Learnt, image: Bytes) -> None:
+    """Live, the first moments are hours ago."""
+    thing = NOTHING.copy()
+    thing[THING] = True
+    classes, all_inside = _classes(thing, INSIDE, MORE_MISS), _classes(NOTHING, INSIDE, MORE_MISS)
+    for _ in range(1000):
+        learnt.add(image, all_inside, NOTHING, ~NOTHING)
+    for _ in range(400):
+        learnt.add(image, classes, thing, ~thing)
+    learnt.conclude(ActorColours(), NOTHING)
+    assert learnt.moved[THING].all()
+
+
 @pytest.mark.parametrize("shows_the_rest", [False, True])
 def test_furniture_is_where_the_others_see_the_rest_of_somebody(
     learnt: Learnt, image: Bytes, shows_the_rest: bool

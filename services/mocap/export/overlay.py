@@ -166,7 +166,7 @@ class OverlayWriter:
         1 = centre, 2 = left limb, 3 = right limb; or (C, H, W). energy: in pixels. doubtful: per camera
         (H, W), what is hatched. words: the verdict on this frame; red where something is doubtful, green only
         where no frame is.
-        Raises ValueError on a number or size of them that is not the cameras'.
+        Raises ValueError if the number or the size of pictures or masks is not the cameras'.
         """
         sheet = np.zeros((*self.size_px[::-1], 3), np.uint8)
         frame = f"frame {frame_index}    {time_s:.3f} s"

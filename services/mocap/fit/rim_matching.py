@@ -38,7 +38,7 @@ class Matches:
     edges: Longs
     """(N, 2) the mesh edge of each row."""
     points_px: Floats
-    """(N, 2) the edges' midpoints in the picture."""
+    """(N, 2) points of the body's outline in the picture."""
     normals: Floats
     """(N, 2) the contour's normals, over the pixels per working pixel."""
     residuals_px: Floats

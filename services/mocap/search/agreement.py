@@ -110,11 +110,13 @@ def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possib
 def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask) -> Floats:
     """(C,) the share of each camera's silhouette (C, H, W) of a moment that the others' hull covers.
 
-    NaN for a camera that does not show the actor. possible (C, H, W): what may be actor; it leaves the hull
-    room. Raises TakeError where the cameras' rays do not even come near to each other.
+    NaN for a camera that does not show the actor, or that alone does. possible (C, H, W): what may be actor;
+    it leaves the hull room. Raises TakeError where the cameras' rays do not even come near to each other.
     """
-    seen = tuple(c for c in range(rig.n_cameras) if silhouettes[c].any())
-    space, shares = _Space(rig, silhouettes, seen, possible), np.full(rig.n_cameras, np.nan)
+    seen, shares = np.flatnonzero(silhouettes.any(axis=(1, 2))).tolist(), np.full(rig.n_cameras, np.nan)
+    if len(seen) < MIN_CAMERAS:
+        return shares
+    space = _Space(rig, silhouettes, tuple(seen), possible)
     for c in seen:
         shares[c] = space.covered(c, space.hull_m(tuple(other for other in seen if other != c)))
     return shares

@@ -16,7 +16,7 @@ from services.mocap.search.best_path import Chosen, PathSearch
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
-from services.mocap.search.jobs import LimbPool
+from services.mocap.search.jobs import LimbPool, LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
@@ -39,7 +39,7 @@ class Step:
     frame: int
     """From 0, or of live input its number."""
     solution: FrameSolution | None = None
-    """None: it is about to be solved; of the way back there is none."""
+    """None on the way back, and in the step before a frame's solution."""
 
 
 def solve_both_ways(
@@ -53,9 +53,9 @@ def solve_both_ways(
     """Solve all frames of a take again, given the poses (N, D) of a track from its first frame on.
 
     fps: frames per second.
-    Yields a step before a frame is solved, so that the caller can do other work or end it, and one with the
-    frame's final solution: from the last frame to the first one tracking back, then from the first to the
-    last.
+    Yields a step before each frame is tracked back, from the last one, and then, from the first one, before
+    each frame's final solution is waited for, so that the caller can do other work or end it; then a step
+    with that solution. Frames are settled a few ahead, on several threads.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
@@ -68,8 +68,9 @@ def solve_both_ways(
         # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
         # search a limb: some frames are searched thoroughly.
         is_thorough = frame == last or frame % thorough_every == 0
-        back = tracker.solve(seen[frame], other=forward[frame], thorough=is_thorough)
-        path.add(seen[frame], forward[frame], back.pose)
+        planes = seen[frame]
+        back = tracker.solve(planes, other=forward[frame], thorough=is_thorough)
+        path.add(planes, forward[frame], back.pose)
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
     aligned_only, best = settings.aligned_only(), path.best()[::-1]
@@ -77,7 +78,7 @@ def solve_both_ways(
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         planes, chosen = of_frame
         whole = Picture.of_frame(model.rig, planes)
-        return solve_frame(copy, whole, chosen.pose[None], aligned_only, limbs)
+        return solve_frame(copy, whole, chosen.pose[None], aligned_only, LocalLimbs(copy))
 
     solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
     trust = PartConfidence(model.rig, settings.doubt_px)
@@ -85,7 +86,7 @@ def solve_both_ways(
         yield Step("settling", frame)
         solution = next(solutions)
         trust.judge(solution)
-        if "torso" in solution.distrusted:
+        if solution.is_lost:
             solution = unless_far(solution, chosen.pose, seen[frame])
         doubt_rivals(solution, chosen)
         yield Step("settling", frame, solution)

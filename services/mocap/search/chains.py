@@ -92,17 +92,12 @@ def window_size_px(stage: Stage, rig: Rig) -> int:
     return round(stage.window_px * rig.scale)
 
 
-def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
-    """Where the windows (C, 2) lie when a stage's segments are centred in them, kept inside the pictures.
+def window_origins_px(stages: Sequence[Stage], pose: Floats, body: Body, rig: Rig) -> Ints:
+    """Where the windows (N, C, 2) of N stages lie when their segments are centred in them, kept inside the
+    pictures.
 
     pose (D,) says where the segments are. The paper, section 4.2.
     """
-    origins_px: Ints = windows_origins_px((stage,), pose, body, rig)[0]
-    return origins_px
-
-
-def windows_origins_px(stages: Sequence[Stage], pose: Floats, body: Body, rig: Rig) -> Ints:
-    """(N, C, 2) as window_origins_px, of several stages."""
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     turned_m = np.einsum("sij,sj->si", T_world_segment[:, :3, :3], body.centres_m)
     centres_m = turned_m + T_world_segment[:, :3, 3]

@@ -99,7 +99,7 @@ class FirstFrameSearch:
         guess = believing.guess(hull, picture, actor)
         if actor is not None or self.hints.actor_height is not None:
             return guess
-        guess.model.backend.close()
+        guess.model.close()
         pose = guess.solution.pose
         height_m = believing.fit_height(picture, pose, guess.actor.height)
         actor = Actor(height=round(height_m, 3), mesh=self.mesh)
@@ -136,7 +136,7 @@ class FirstFrameSearch:
             try:
                 check_alone(model, picture, pose, self.settings, self.names, is_told=told is not None)
             except TakeError:
-                model.backend.close()
+                model.close()
                 raise
         return FirstFrame(actor, model, first)
 
@@ -168,7 +168,7 @@ class FirstFrameSearch:
             # The feet stay on the ground.
             start[DOF_INDEX["root_z"]] += (scale - 1.0) * model.body.pelvis_height_m
             found = solve_frame(model, picture, start[None], once, self.pool(model, actor))
-            model.backend.close()
+            model.close()
             return found.energy_px
 
         low, high = ((limit_m / height_m - 1.0) / _HEIGHT_STEP for limit_m in _HEIGHT_RANGE_M)

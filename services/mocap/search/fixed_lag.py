@@ -101,7 +101,7 @@ class FixedLag:
     def _is_worth_it(self, frames: list[Tracked], n_settled: int) -> bool:
         """Whether a limb or the head was doubtful in the block, and the actor was not lost."""
         parts = [part for frame in frames[:n_settled] for part in frame.solution.distrusted]
-        return bool(parts) and not any("torso" in frame.solution.distrusted for frame in frames)
+        return bool(parts) and not any(frame.solution.is_lost for frame in frames)
 
     def _track_back(self, frames: list[Tracked], path: PathSearch) -> Iterator[Step]:
         """Track from the last of some frames to the first, and add both ways to a path, which leads to the

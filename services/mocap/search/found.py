@@ -8,7 +8,7 @@ import numpy as np
 
 from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import ErrorByPart
-from services.mocap.take.marks import PARTS, LimbName, Part
+from services.mocap.take.marks import PARTS, WHOLE_BODY, LimbName, Part
 from services.mocap.types import Floats
 
 
@@ -52,6 +52,11 @@ class FrameSolution:
     measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})
     """What is only reported, by the name of its row in services.mocap.take.quantities: part_px and iou (see
     ErrorByPart), prior: the cost of the distance from the predicted pose and the rest pose."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the whole body is doubtful."""
+        return WHOLE_BODY in self.distrusted
 
     def note_limb(self, name: LimbName, solution: Solution) -> None:
         """Note a limb's effort."""

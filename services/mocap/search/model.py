@@ -61,6 +61,12 @@ class Model:
         """Copies of the model, to solve several frames or poses at the same time."""
         return ModelCopies(self)
 
+    def close(self) -> None:
+        """Give back what the backend holds, and end the threads of copies."""
+        self.backend.close()
+        if "copies" in vars(self):
+            self.copies.close()
+
     @cached_property
     def _thinned(self) -> Aligner:
         return Aligner(self.body, self.rig)
@@ -73,7 +79,7 @@ class Model:
 class ModelCopies:
     """Copies of a model, one for every core up to four, each for a thread of its own.
 
-    They draw on the CPU, which draws the same pixels as a GPU.
+    They draw on the CPU, whatever draws the model.
     """
 
     def __init__(self, model: Model) -> None:
@@ -108,6 +114,10 @@ class ModelCopies:
             for future in waiting:
                 future.cancel()
 
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
     """The model of an actor in a rig, with a backend of the engine."""
@@ -119,5 +129,5 @@ def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
 def model_on_cpu(actor: Actor, rig: Rig) -> Iterator[Model]:
     """The model of an actor in a rig with a backend of its own on the CPU, closed at the end."""
     body = build_body(actor)
-    with closing(CpuBackend(body, rig)) as backend:
-        yield Model(body, rig, backend)
+    with closing(Model(body, rig, CpuBackend(body, rig))) as model:
+        yield model

@@ -17,7 +17,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.best_path import Chosen
-from services.mocap.search.chains import pixel_scale, window_size_px, windows_origins_px
+from services.mocap.search.chains import pixel_scale, window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
 from services.mocap.search.found import Differences, FrameSolution
 from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities, rival_probabilities
@@ -66,7 +66,7 @@ def within_windows(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]
     stages, rig = tuple(PART_STAGES.values()), model.rig
     sizes_px = np.array([window_size_px(stage, rig) for stage in stages], np.int32)
     counts: Ints = np.zeros(len(stages), np.int32)
-    _count_within(planes, windows_origins_px(stages, pose, model.body, rig), sizes_px, counts)
+    _count_within(planes, window_origins_px(stages, pose, model.body, rig), sizes_px, counts)
     return dict(zip(PART_STAGES, counts.tolist(), strict=True))
 
 

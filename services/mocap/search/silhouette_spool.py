@@ -6,6 +6,7 @@ import zlib
 import numpy as np
 
 from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.errors import UserError
 
 _FAST = 1
 """zlib's level: silhouettes shrink to a fiftieth with any."""
@@ -20,11 +21,18 @@ class SilhouetteSpool:
         self._shape: tuple[int, ...] = ()
 
     def append(self, seen: TriPlanes) -> TriPlanes:
-        """Add the next frame's silhouettes (P, H, W), and return them."""
+        """Add the next frame's silhouettes (P, H, W), and return them; raises UserError where there is no
+        room."""
         planes = np.stack([seen.silhouettes, seen.unsure, *([] if seen.classes is None else seen.classes)])
         self._shape = planes.shape
-        self._file.seek(self._ends[-1])
-        self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
+        try:
+            self._file.seek(self._ends[-1])
+            self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
+        except OSError as error:
+            raise UserError(
+                f"{tempfile.gettempdir()}: silhouettes cannot be kept there ({error.strerror}): make room, "
+                "or set TMPDIR to another folder"
+            ) from error
         return seen
 
     def __len__(self) -> int:

@@ -52,7 +52,7 @@ def energy_of(model: Model, problem: Problem) -> ColouredEnergy:
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats) -> Picture:
     """Cut the windows of a stage out of a picture, centred on where the pose (D,) has its segments."""
     size_px = window_size_px(stage, model.rig)
-    return picture.window(window_origins_px(stage, pose, model.body, model.rig), size_px, size_px)
+    return picture.window(window_origins_px((stage,), pose, model.body, model.rig)[0], size_px, size_px)
 
 
 def prepare(

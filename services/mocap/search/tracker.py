@@ -80,7 +80,8 @@ class Tracker:
         Limbs that the earlier run has searched are left to the way back, if one follows, unless a part is
         doubtful.
         """
-        is_searched = known is not None and self._settings.goes_both_ways
+        leaves_limbs_to_way_back = known is not None and self._settings.goes_both_ways
+        skips_limbs = hurried or leaves_limbs_to_way_back
         picture, settings = self._model.without_cameras(seen, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:
@@ -92,16 +93,19 @@ class Tracker:
             )
 
         usual = self._trust.as_lists()
-        solution = solved(settings.aligned_only() if hurried or is_searched else settings)
-        is_doubtful = bool(solution.distrusted) if is_searched else "torso" in solution.distrusted
-        if (hurried or is_searched) and is_doubtful:  # perhaps because of its limbs
+        solution = solved(settings.aligned_only() if skips_limbs else settings)
+        is_doubtful = bool(solution.distrusted) if leaves_limbs_to_way_back else solution.is_lost
+        if skips_limbs and is_doubtful:  # perhaps because of its limbs
             self._trust.recall(usual)  # what differs without them is not usual
             solution = solved(settings)
-        is_lost = "torso" in solution.distrusted
+        is_lost = solution.is_lost
         if is_lost or self._lost_frames:
             self._lost_frames += 1
             if self._lost_frames == 1:
-                log.warning("the actor is lost: poses are doubtful until a whole person is in view again")
+                log.warning(
+                    "the actor is lost: poses are doubtful until the body fits again or a whole person is in "
+                    "view"
+                )
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(picture, seen, settings, at_once=not is_lost)
             if again is None and is_lost:
@@ -132,7 +136,7 @@ class Tracker:
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)
         first = find_first_pose(self._model, picture, hull, self._limbs, settings)
-        return None if "torso" in first.solution.distrusted else first.solution
+        return None if first.solution.is_lost else first.solution
 
 
 def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:

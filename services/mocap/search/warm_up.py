@@ -37,7 +37,7 @@ def warm_up(engine: Engine) -> None:
     actor = Actor(colours={"head": (1,) * QUARTERS})  # a class, so that painting is compiled
     model = model_of(actor, rig, engine)
     rehearse(model, LocalLimbs(model), SearchSettings())
-    model.backend.close()
+    model.close()
 
 
 def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:

@@ -86,7 +86,7 @@ def test_windows_stay_inside_the_pictures(seed: int, stage: Stage, reach_m: floa
     rng = np.random.default_rng(seed)
     pose = rng.uniform(np.maximum(LOWER, -3.0), np.minimum(UPPER, 3.0))
     pose[:3] = rng.uniform(-reach_m, reach_m, 3)
-    origins_px = window_origins_px(stage, pose, BODY, RIG)
+    origins_px = window_origins_px((stage,), pose, BODY, RIG)[0]
     assert origins_px.dtype == np.int32
     assert np.all(origins_px >= 0)
     assert np.all(origins_px + window_size_px(stage, RIG) <= RIG.sizes_px)
@@ -94,7 +94,7 @@ def test_windows_stay_inside_the_pictures(seed: int, stage: Stage, reach_m: floa
 
 def test_windows_larger_than_a_picture_begin_at_its_corner() -> None:
     small = Rig(RIG.P_px_world, np.tile(np.array([[320, 60]], np.int32), (RIG.n_cameras, 1)))
-    origins_px = window_origins_px(LIMBS["left_leg"].main, np.zeros(N_DOF), BODY, small)
+    origins_px = window_origins_px((LIMBS["left_leg"].main,), np.zeros(N_DOF), BODY, small)[0]
     assert np.all(origins_px[:, 1] == 0)
 
 
@@ -108,7 +108,7 @@ def test_windows_are_centred_on_their_segments(
     middle_px = model.rig.P_px_world @ np.mean(centres_world_m, axis=0)
     middle_px = middle_px[:, :2] / middle_px[:, 2:]
     size_px = window_size_px(stage, model.rig)
-    origins_px = window_origins_px(stage, pose, model.body, model.rig)
+    origins_px = window_origins_px((stage,), pose, model.body, model.rig)[0]
     free = (origins_px > 0) & (origins_px < model.rig.sizes_px - size_px)
     assert free.mean() > 0.5
     off_px = origins_px + size_px / 2 - middle_px

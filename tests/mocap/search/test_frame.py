@@ -196,7 +196,7 @@ def test_passes_end_when_nothing_more_is_gained(model: Model, truth: Floats, pic
 def test_jobs_carry_the_input_in_the_limbs_window(model: Model, truth: Floats, picture_of: PictureOf) -> None:
     whole = picture_of(truth)
     for job in limb_jobs(model, whole, truth, QUICK):
-        origins_px = window_origins_px(LIMBS[job.limb].main, truth, model.body, model.rig)
+        origins_px = window_origins_px((LIMBS[job.limb].main,), truth, model.body, model.rig)[0]
         assert_array_equal(job.window.region.origin_px, origins_px)
         assert job.window.silhouettes.shape == (1, 128, 128)
         assert_array_equal(job.pose, truth)

@@ -1,9 +1,15 @@
 """What was put in comes out again, in any order."""
 
+import os
+from errno import ENOSPC
+from unittest.mock import Mock
+
 import numpy as np
+import pytest
 from numpy.random import default_rng
 
 from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes
+from services.mocap.errors import UserError
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 
 
@@ -23,6 +29,14 @@ def test_silhouettes_come_out_as_they_went_in() -> None:
             np.testing.assert_array_equal(found.unsure, frames[j].unsure)
             assert found.silhouettes.flags.writeable  # compiled code takes no others
     spool.close()
+
+
+def test_a_full_disk_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    spool, nothing = SilhouetteSpool(), np.zeros((1, 7, 9), np.uint8)
+    full = Mock(wraps=spool._file, write=Mock(side_effect=OSError(ENOSPC, os.strerror(ENOSPC))))
+    monkeypatch.setattr(spool, "_file", full)
+    with pytest.raises(UserError, match=r"cannot be kept there \(No space left on device\): make room"):
+        spool.append(TriPlanes.sure(nothing))
 
 
 def test_colour_classes_are_kept_with_them() -> None:
