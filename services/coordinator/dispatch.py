@@ -177,6 +177,7 @@ class Dispatcher:
         elif identity in self._missing:
             self._workers[identity] = self._missing.pop(identity)
             log.info("%s is back", self._workers[identity].name)
+            self._assign()
         if identity not in self._workers:
             return False
         worker, now = self._workers[identity], self._now()

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 _Given = TypeVar("_Given")
@@ -15,8 +15,14 @@ _POOL = ThreadPoolExecutor(N_CORES, "side-by-side")
 
 
 def side_by_side(work: Callable[[_Given], _Made], given: Iterable[_Given]) -> list[_Made]:
-    """What work makes of each, in order; raises what it raises first.
+    """What work makes of each, in order; raises what it raises first, once no more of it is being done.
 
     The work must not call this function.
     """
-    return list(_POOL.map(work, given))
+    futures = [_POOL.submit(work, one) for one in given]
+    try:
+        return [future.result() for future in futures]
+    finally:
+        for future in futures:
+            future.cancel()
+        wait(futures)

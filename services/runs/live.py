@@ -56,9 +56,11 @@ def live(
 ) -> dict[str, Any]:
     """Track live until a stop is requested or all sources are files that have ended; returns run.json.
 
-    show, warn, and what is raised: as run_services; UserError, too, where no pose was found.
+    show, warn, and what is raised: as run_services; UserError, too, where no pose was found, or
+    where the run was cut off and its results lie beside earlier ones.
     """
-    shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
+    cut_off = partial_of(job.out)
+    shutil.rmtree(cut_off, ignore_errors=True)  # live input cannot be continued
     nice = ("--nice", str(_NICENESS))
     setup = RunSetup(
         source=job.config,
@@ -70,16 +72,19 @@ def live(
         lasting=("coordinator", "segmentation"),
         alone_s=15.0,
     )
-    before_ns, cut_off = written_ns(job.out), partial_of(job.out)
+    before_ns = written_ns(job.out)
     with recording_to(job.record):
         logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(cut_off) is not None:
         keep_logs(logs, cut_off)
-        said = f"{cut_off}: has the results of this run, which was cut off; {job.out} keeps the earlier ones"
-        raise _recorded(job, f"{said}: move them before the next run, which removes them", warn)
+        said = f"{cut_off}: has the results of this run, which was cut off: move them before the next run, "
+        said += f"which removes them; {job.out} keeps the earlier ones"
+        raise _error_after_recording(job, said, warn)
     if written_ns(job.out) == before_ns:
-        has_poses = telemetry is not None and telemetry.next_frame > telemetry.first_frame
-        raise _without_results(job, None if has_poses else _no_pose_reason(logs), logs, warn)
+        if telemetry is not None and telemetry.next_frame > telemetry.first_frame:
+            said = f"{job.out}: no results were written, although poses came: the logs are in {logs}"
+            raise _error_after_recording(job, said, warn)
+        raise _without_pose(job, logs, warn)
     keep_logs(logs, job.out)
     if job.fit is not None and job.fit.exists():  # it may have been that of the results that were replaced
         copy_learnt(job.fit, job.out / FIT_FOLDER)
@@ -97,14 +102,15 @@ def live(
     return report
 
 
-def _without_results(job: LiveJob, reason: str | None, logs: Path, warn: Callable[[str], None]) -> UserError:
-    """What a run tells that wrote no results, and which of the logs are left if the reason is not known."""
-    if reason:
+def _without_pose(job: LiveJob, logs: Path, warn: Callable[[str], None]) -> UserError:
+    """What a run without a pose tells; its logs are left if the reason is not known."""
+    if reason := _no_pose_reason(logs):
         shutil.rmtree(logs, ignore_errors=True)
-    return _recorded(job, f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}", warn)
+    said = f"{job.config}: nobody was tracked: {reason or f'the logs are in {logs}'}"
+    return _error_after_recording(job, said, warn)
 
 
-def _recorded(job: LiveJob, said: str, warn: Callable[[str], None]) -> UserError:
+def _error_after_recording(job: LiveJob, said: str, warn: Callable[[str], None]) -> UserError:
     """An error that says something, and what else is wrong with the recording, which is finished first."""
     try:
         _finish_recording(job, warn)

@@ -43,8 +43,9 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
     thirds = [UnsureThirds() for _ in take.cameras]
 
-    def write(part: Path, frame: int, trimaps: Sequence[Trimap], c: int) -> None:
-        calibrated, trimap = take.calibrated[c], trimaps[c]
+    def write(part: Path, frame: int, view: tuple[int, Trimap]) -> None:
+        c, trimap = view
+        calibrated = take.calibrated[c]
         folder = part / layout.SILHOUETTES / calibrated.name
         write_picture(layout.silhouette_path(folder, frame), resized_trimap(trimap, calibrated))
         thirds[c].add(frame, trimap)
@@ -52,7 +53,7 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, segmenter)
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
-            for _ in side_by_side(partial(write, part, frame, moment.trimaps), range(len(thirds))):
+            for _ in side_by_side(partial(write, part, frame), enumerate(moment.trimaps)):
                 advance()
         sentence = thirds_in_words(take.camera_names, thirds)
         if sentence:

@@ -26,7 +26,7 @@ _LIVE_EVERY = 5
 _LIVE_CONCLUSIONS = 6
 """Number of learnt shots between two conclusions."""
 _SLOWER_AFTER, _SLOWER = 60, 10
-"""After this many shots were learnt from, only one of so many times as many is."""
+"""Once so many shots have been learnt from, shots are learnt from ten times less often."""
 
 log = logging.getLogger(__name__)
 

@@ -36,8 +36,8 @@ do not see the same places."""
 _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
 """An object was moved if nearly all of this many moments show a change that no other camera confirms in half
 of them, or that static_objects explains."""
-_MOST_MOMENTS = 96
-"""When so many moments have been taken in, each counts half; a recorded take has fewer."""
+_MOST_MOMENTS = 32
+"""When so many moments have been taken in, each counts half; from a recorded take fewer are learnt."""
 _LEAST_MOVED = 0.003
 """Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 _BLIND_PERMILLE, _LEAST_EXPECTED, _LEAST_MISSED = 16.0, 1.5, 0.9

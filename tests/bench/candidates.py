@@ -106,6 +106,6 @@ class Candidates:
 
     def _leave(self) -> None:
         for model in self._models.values():
-            model.backend.close()
+            model.close()
         self._models.clear()
         self._alternatives.clear()

@@ -73,7 +73,7 @@ def tracked(actor: Actor, first_poses: Floats, seen: TriPlanes, rig: Rig, engine
     model, settings = model_of(actor, rig, engine), SearchSettings()
     tracker = Tracker(model, settings, LocalLimbs(model), first_poses[-2:])
     solutions = [tracker.solve(seen[f]) for f in range(len(seen))]
-    model.backend.close()
+    model.close()
     return Tracked(
         np.array([solution.pose for solution in solutions]),
         np.array([bool(solution.distrusted) for solution in solutions]),

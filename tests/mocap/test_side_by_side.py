@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 
 import pytest
 
@@ -28,3 +29,23 @@ def test_what_work_raises_is_raised() -> None:
 
     with pytest.raises(ValueError, match="camera 1"):
         side_by_side(work, [0, 1, 2])
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="on one core it is done one after the other")
+def test_no_work_goes_on_after_something_was_raised() -> None:
+    begun, done = threading.Event(), list[int]()
+
+    def work(camera: int) -> None:
+        if camera == 0:
+            assert begun.wait(10.0)
+            raise ValueError("camera 0")
+        begun.set()
+        time.sleep(0.05)
+        done.append(camera)
+
+    with pytest.raises(ValueError, match="camera 0"):
+        side_by_side(work, range(50))
+    n_done = len(done)
+    assert 1 <= n_done < 49
+    time.sleep(0.1)
+    assert len(done) == n_done

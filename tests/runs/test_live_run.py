@@ -27,7 +27,7 @@ def test_results_of_a_run_that_was_cut_off_are_named(tmp_path: Path, monkeypatch
     take = SimpleNamespace(live=SimpleNamespace(endpoint=None), groups_here=[])
     job: Any = SimpleNamespace(out=out, take=take, config="live.toml", record=None)
     with pytest.raises(
-        UserError, match=f"^{part}: has the results of this run, which was cut off; {out} keeps"
+        UserError, match=f"^{part}: has the results of this run, which was cut off: move them "
     ):
         module.live(cast(module.LiveJob, job), show=Mock())
     assert (part / LOGS).is_dir()

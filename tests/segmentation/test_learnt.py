@@ -51,14 +51,14 @@ def test_what_stays_unconfirmed_is_an_object_unless_most_around_it_moves(
         assert learnt.moved.sum() < 1.5 * thing.sum()
 
 
-def test_what_is_moved_long_after_the_start_is_found_as_soon(learnt: Learnt, image: Bytes) -> None:
+def test_what_is_moved_long_after_the_start_is_found_in_the_end(learnt: Learnt, image: Bytes) -> None:
     """Live, the first moments are hours ago."""
     thing = NOTHING.copy()
     thing[THING] = True
     classes, all_inside = _classes(thing, INSIDE, MORE_MISS), _classes(NOTHING, INSIDE, MORE_MISS)
     for _ in range(1000):
         learnt.add(image, all_inside, NOTHING, ~NOTHING)
-    for _ in range(400):
+    for _ in range(80):
         learnt.add(image, classes, thing, ~thing)
     learnt.conclude(ActorColours(), NOTHING)
     assert learnt.moved[THING].all()

@@ -1,10 +1,9 @@
 """The overlay: the model drawn over what the cameras saw, as a video of all cameras or a picture of one."""
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -129,11 +128,10 @@ def overlay_writer(
     ):
         writer = OverlayWriter(cameras, verdict, grid, header_px, size_px, video, pool, encoder)
         yield writer
-        for written in writer.being_written:
-            written.result()
+        writer.wait()
 
 
-@dataclass(frozen=True)
+@dataclass
 class OverlayWriter:
     """Draws frames of the overlay and writes them into a video of size_px (width, height)."""
 
@@ -147,7 +145,7 @@ class OverlayWriter:
     """Reads and draws all cameras at the same time."""
     encoder: ThreadPoolExecutor
     """Encodes a frame while the next one is drawn."""
-    being_written: deque[Future[None]] = field(default_factory=deque)
+    _being_written: Future[None] | None = None
 
     def add(
         self,
@@ -186,9 +184,13 @@ class OverlayWriter:
         hatched = [None] * len(self.cameras) if doubtful is None else doubtful
         inputs = list(zip(self.cameras, pictures, segment_masks, hatched, strict=True))
         list(self.pool.map(draw, range(len(inputs)), inputs))
-        self.being_written.append(self.encoder.submit(self.video.write, sheet))
-        if len(self.being_written) > 1:
-            self.being_written.popleft().result()
+        self.wait()
+        self._being_written = self.encoder.submit(self.video.write, sheet)
+
+    def wait(self) -> None:
+        """Wait until the last frame is encoded; raises what went wrong there."""
+        if self._being_written is not None:
+            self._being_written.result()
 
     def _write_header(
         self, sheet: Bytes, frame: str, words: str, energy: float, *, is_doubtful: bool

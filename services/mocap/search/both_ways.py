@@ -5,6 +5,7 @@ that one way has lost the other way often has. Each frame is solved again from t
 tracks.
 """
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -53,9 +54,9 @@ def solve_both_ways(
     """Solve all frames of a take again, given the poses (N, D) of a track from its first frame on.
 
     fps: frames per second.
-    Yields a step before each frame is tracked back, from the last one, and then, from the first one, before
-    each frame's final solution is waited for, so that the caller can do other work or end it; then a step
-    with that solution. Frames are settled a few ahead, on several threads.
+    First yields a step before each frame is tracked back, from the last to the first. Then yields two steps
+    for each frame, from the first to the last: one before its final solution is waited for, and one with it.
+    So the caller can do other work, or end it. Frames are settled a few ahead, on several threads.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
@@ -77,8 +78,10 @@ def solve_both_ways(
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         planes, chosen = of_frame
-        whole = Picture.of_frame(model.rig, planes)
-        return solve_frame(copy, whole, chosen.pose[None], aligned_only, LocalLimbs(copy))
+        begun_s, whole = time.thread_time(), Picture.of_frame(model.rig, planes)
+        solution = solve_frame(copy, whole, chosen.pose[None], aligned_only, LocalLimbs(copy))
+        solution.seconds["torso"] = time.thread_time() - begun_s  # other frames are solved meanwhile
+        return solution
 
     solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
     trust = PartConfidence(model.rig, settings.doubt_px)

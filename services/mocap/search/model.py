@@ -116,7 +116,7 @@ class ModelCopies:
 
     def close(self) -> None:
         """End the threads."""
-        self._pool.shutdown()
+        self._pool.shutdown(cancel_futures=True)
 
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:

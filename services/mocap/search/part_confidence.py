@@ -141,7 +141,7 @@ class PartConfidence:
             self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
 
     def judge(self, solution: FrameSolution) -> None:
-        """Mark the parts of a solution by contours that are doubtful, and add the frame to the estimate."""
+        """Mark the doubtful parts of a solution that contours gave, and add the frame to the estimate."""
         if solution.differences is not None:
             solution.distrusted = self.distrusted(solution.differences, solution.confidence)
             self.remember(solution.differences)

@@ -2,6 +2,7 @@
 
 import tempfile
 import zlib
+from contextlib import suppress
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class SilhouetteSpool:
         try:
             self._file.seek(self._ends[-1])
             self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
+            self._file.flush()
         except OSError as error:
             raise UserError(
                 f"{tempfile.gettempdir()}: silhouettes cannot be kept there ({error.strerror}): make room, "
@@ -47,4 +49,5 @@ class SilhouetteSpool:
 
     def close(self) -> None:
         """Delete everything."""
-        self._file.close()
+        with suppress(OSError):  # what did not fit is written once more
+            self._file.close()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import av
 import numpy as np
@@ -291,6 +292,23 @@ def test_text_never_goes_beyond_the_picture(width_px: int) -> None:
     assert not picture[:, width_px - 3 :].any()
     kept = max(end - 30, 10)
     assert np.array_equal(picture[:, :kept], alone[:, :kept]), "it begins as the whole text does"
+
+
+@pytest.mark.parametrize("n_further", [0, 3])
+def test_what_goes_wrong_while_a_frame_is_encoded_is_raised(
+    n_further: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the last frame as well, while no further one is drawn."""
+    path, cameras = tmp_path / "overlay.mp4", [camera("cam01"), camera("cam02")]
+    path.write_text("from an earlier run")
+    with pytest.raises(OSError, match="no room"), overlay_writer(path, cameras, 25.0) as overlay:
+        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
+        overlay.wait()
+        monkeypatch.setattr(overlay.video, "write", Mock(side_effect=OSError("no room")))
+        for frame in range(1 + n_further):
+            overlay.add(frame, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
+    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
+    assert path.read_text() == "from an earlier run"
 
 
 def _too_few_masks(overlay: OverlayWriter, cam: Camera) -> None:

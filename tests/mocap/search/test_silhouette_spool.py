@@ -1,6 +1,7 @@
 """What was put in comes out again, in any order."""
 
 import os
+from contextlib import closing
 from errno import ENOSPC
 from unittest.mock import Mock
 
@@ -32,10 +33,14 @@ def test_silhouettes_come_out_as_they_went_in() -> None:
 
 
 def test_a_full_disk_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    spool, nothing = SilhouetteSpool(), np.zeros((1, 7, 9), np.uint8)
-    full = Mock(wraps=spool._file, write=Mock(side_effect=OSError(ENOSPC, os.strerror(ENOSPC))))
-    monkeypatch.setattr(spool, "_file", full)
-    with pytest.raises(UserError, match=r"cannot be kept there \(No space left on device\): make room"):
+    """What does not fit stays in the file's buffer, so that closing it fails as well."""
+    nothing, no_room = np.zeros((1, 7, 9), np.uint8), Mock(side_effect=OSError(ENOSPC, os.strerror(ENOSPC)))
+    with (
+        pytest.raises(UserError, match=r"cannot be kept there \(No space left on device\): make room"),
+        closing(SilhouetteSpool()) as spool,
+    ):
+        full = Mock(wraps=spool._file, flush=no_room, close=no_room)
+        monkeypatch.setattr(spool, "_file", full)
         spool.append(TriPlanes.sure(nothing))
 
 
