@@ -19,7 +19,7 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LimbPool, LocalLimbs
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
+from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.search.tracker import Tracker, unless_far, whole_person
@@ -55,8 +55,9 @@ def solve_both_ways(
 
     fps: frames per second.
     First yields a step before each frame is tracked back, from the last to the first. Then yields two steps
-    for each frame, from the first to the last: one before its final solution is waited for, and one with it.
-    So the caller can do other work, or end it. Frames are settled a few ahead, on several threads.
+    for each frame, from the first to the last: one before its solution is waited for, and, once some more
+    frames are solved, one with it. So the caller can do other work, or end it. Frames are settled a few
+    ahead, on several threads.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
@@ -84,7 +85,7 @@ def solve_both_ways(
         return solution
 
     solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
-    trust = PartConfidence(model.rig, settings.doubt_px)
+    trust, steady = PartConfidence(model.rig, settings.doubt_px), SteadyConfidence(fps)
     for frame, chosen in enumerate(best):
         yield Step("settling", frame)
         solution = next(solutions)
@@ -92,7 +93,10 @@ def solve_both_ways(
         if solution.is_lost:
             solution = unless_far(solution, chosen.pose, seen[frame])
         doubt_rivals(solution, chosen)
-        yield Step("settling", frame, solution)
+        for final in steady.add(solution):
+            yield Step("settling", *final)
+    for final in steady.rest():
+        yield Step("settling", *final)
 
 
 def found_anew(

@@ -35,6 +35,15 @@ WEIGHTS: Floats = np.array([4.294, -8.583, -2.308, 0.365, 1.4, 1.372, 1.619, -0.
 cameras (seeds below 100); `unusual`, the bias, and one factor (0.943) for all others, to 36 takes of the
 present search. Fitting all anew to the latter is worse on takes that are left out, because few
 limbs are lost there."""
+_BIAS_IN_TIME, _OWN, _NEAR, _AROUND = 0.31, 0.26, 0.38, 0.48
+"""The bias, and the weights of the log odds of a frame itself, of the worst frame near by, and of the mean of
+the frames around it. Two thirds of the limbs that were lost but not marked were within 0.2 s of a frame in
+which they were marked. Fitted to 77 takes of people (32,600 limbs in frames, 294 of them lost); left out an
+eighth at a time, these had 0.23 % lost unmarked and 2.4 % marked although right, where each frame for itself
+has 0.26 and 3.4 %. The bias is 0.55 more than the fit's, so that LEAST_CONFIDENCE suits both."""
+_NEAR_S, _AROUND_S = 0.1, 0.25
+_LEAST_PROBABILITY = 1e-4
+"""Of a frame and of its opposite, so that no frame decides for all around it."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
 _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
@@ -87,3 +96,27 @@ def rival_probabilities(apart_m: Floats, margin_px: Floats) -> Floats:
     """
     differing = np.clip((apart_m - _RIVAL_FROM_M) / (_RIVAL_M - _RIVAL_FROM_M), 0.0, 1.0)
     return np.asarray(_RIVAL_LOST * differing * np.exp(-np.maximum(margin_px, 0.0) / _RIVAL_FALL_PX))
+
+
+def frames_around(fps: float) -> int:
+    """How many frames before and after a frame tell whether limbs are lost in it (lost_in_time)."""
+    return max(1, round(_AROUND_S * fps))
+
+
+def lost_in_time(lost: Floats, at: int, fps: float) -> Floats:
+    """(L,) the probabilities that limbs are lost in a frame, in view of the frames around it: what is lost
+    was in most cases lost in the frame before.
+
+    lost: (N, L) of successive frames, each by itself; nan where nothing is known of a limb, which stays so.
+    at: which of them.
+    """
+    likely = np.clip(lost, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+    odds = np.log(likely / (1.0 - likely))
+    known = np.where(np.isnan(odds[at]), 0.0, odds)  # of nothing but nan there is no mean
+    near, around = (
+        known[max(at - reach, 0) : at + reach + 1]
+        for reach in (max(1, round(_NEAR_S * fps)), frames_around(fps))
+    )
+    worst, mean = np.nanmax(near, axis=0), np.nanmean(around, axis=0)
+    steadied = _BIAS_IN_TIME + _OWN * odds[at] + _NEAR * worst + _AROUND * mean
+    return np.asarray(1.0 / (1.0 + np.exp(-steadied)))

@@ -6,7 +6,7 @@ a limb is elsewhere, or that something that is not part of the body is in the pi
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numba
 import numpy as np
@@ -20,9 +20,15 @@ from services.mocap.search.best_path import Chosen
 from services.mocap.search.chains import pixel_scale, window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
 from services.mocap.search.found import Differences, FrameSolution
-from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities, rival_probabilities
+from services.mocap.search.lost_probability import (
+    JUDGED_SEGMENTS,
+    frames_around,
+    lost_in_time,
+    lost_probabilities,
+    rival_probabilities,
+)
 from services.mocap.search.model import Model
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.marks import LIMB_NAMES, PARTS, Part
 from services.mocap.types import Bytes, Floats, Ints
 
 _REMEMBERED = 15
@@ -123,7 +129,7 @@ class PartConfidence:
 
     def distrusted(self, found: Differences, confidence: Mapping[Part, float]) -> list[Part]:
         """Limbs and head whose confidence is too low, and the torso if the whole body is doubtful."""
-        low: list[Part] = [part for part in PART_STAGES if confidence.get(part, 1.0) < LEAST_CONFIDENCE]
+        low = _doubtful(PART_STAGES, confidence)
         return ["torso", *low] if found.share > self._allowed_share() else low
 
     def _allowed_px(self, part: Part) -> float:
@@ -169,6 +175,41 @@ def doubt_rivals(solution: FrameSolution, chosen: Chosen) -> None:
             solution.confidence[part] *= 1.0 - float(probability)
             if solution.confidence[part] < LEAST_CONFIDENCE and part not in solution.distrusted:
                 solution.distrusted.append(part)
+
+
+class SteadyConfidence:
+    """Confidence in limbs in view of the frames before and after, for solutions in their order."""
+
+    def __init__(self, fps: float) -> None:
+        self._fps, self._lost, self._waiting = fps, list[Floats](), deque[FrameSolution]()
+
+    def add(self, solution: FrameSolution) -> Iterator[tuple[int, FrameSolution]]:
+        """Add the next solution; yields the one that is then finished, if any, with its number from 0."""
+        self._lost.append(1.0 - np.array([solution.confidence.get(limb, np.nan) for limb in LIMB_NAMES]))
+        self._waiting.append(solution)
+        if len(self._waiting) > frames_around(self._fps):
+            yield self._finished()
+
+    def rest(self) -> Iterator[tuple[int, FrameSolution]]:
+        """The same of those that have waited for further frames."""
+        while self._waiting:
+            yield self._finished()
+
+    def _finished(self) -> tuple[int, FrameSolution]:
+        number = len(self._lost) - len(self._waiting)
+        solution, first = self._waiting.popleft(), max(number - frames_around(self._fps), 0)
+        lost = lost_in_time(np.array(self._lost[first:]), number - first, self._fps)
+        if not solution.is_lost:
+            for limb, probability in zip(LIMB_NAMES, lost.tolist(), strict=True):
+                if limb in solution.confidence:
+                    solution.confidence[limb] = 1.0 - probability
+            others = [part for part in solution.distrusted if part not in LIMB_NAMES]
+            solution.distrusted = [*others, *_doubtful(LIMB_NAMES, solution.confidence)]
+        return number, solution
+
+
+def _doubtful(parts: Iterable[Part], confidence: Mapping[Part, float]) -> list[Part]:
+    return [part for part in parts if confidence.get(part, 1.0) < LEAST_CONFIDENCE]
 
 
 def confidences(evidence: Floats, rim: SeenRim) -> dict[Part, float]:

@@ -12,16 +12,23 @@ from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.best_path import Chosen
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.found import Differences, FrameSolution
-from services.mocap.search.lost_probability import evidence_of, rival_probabilities
+from services.mocap.search.lost_probability import (
+    evidence_of,
+    frames_around,
+    lost_in_time,
+    rival_probabilities,
+)
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import (
+    LEAST_CONFIDENCE,
     PartConfidence,
+    SteadyConfidence,
     confidences,
     differences,
     doubt_rivals,
 )
 from services.mocap.search.pose_prior import pose_prior
-from services.mocap.take.marks import Part
+from services.mocap.take.marks import LIMB_NAMES, PARTS, Part
 from services.mocap.types import Bytes, Floats
 
 NOTHING: dict[Part, int] = dict.fromkeys(
@@ -190,3 +197,63 @@ def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fi
     assert solution.confidence["torso"] == 0.98  # which is judged by the whole body's differences
     assert solution.confidence["right_leg"] > 0.97 > solution.confidence["left_leg"]
     assert solution.confidence["right_arm"] == 0.98 * 0.75
+
+
+FPS = 20.0
+
+
+def _by_itself(n_frames: int, probability: float) -> Floats:
+    return np.full((n_frames, 4), probability)
+
+
+def test_a_limb_is_likelier_lost_beside_frames_in_which_it_is() -> None:
+    """The worst frame counts from 0.1 s off on, the mean from 0.25 s off on, and nothing farther away."""
+    alone = _by_itself(21, 0.001)
+    usual = lost_in_time(alone, 10, FPS)[0]
+    beside = []
+    for off in range(1, 11):
+        lost = alone.copy()
+        lost[10 + off, 0] = 0.6
+        found = lost_in_time(lost, 10, FPS)
+        np.testing.assert_array_equal(found, lost_in_time(lost[::-1], 10, FPS))
+        np.testing.assert_array_equal(found[1:], usual)
+        beside.append(float(found[0]))
+    assert beside[0] == beside[1] > 10 * usual
+    assert beside[1] > beside[2] == beside[4] > usual
+    assert beside[5:] == [usual] * 5
+
+
+def test_what_is_not_known_of_a_limb_stays_so_and_counts_for_nothing() -> None:
+    lost = _by_itself(11, 0.02)
+    lost[5, 0] = lost[[3, 4, 6], 1] = np.nan
+    lost[:, 2] = np.nan
+    found = lost_in_time(lost, 5, FPS)
+    assert np.isnan(found[[0, 2]]).all()
+    assert found[1] == pytest.approx(found[3], rel=1e-12)
+
+
+def test_confidence_is_steadied_once_the_next_frames_are_there() -> None:
+    n, ahead = 30, frames_around(FPS)
+    lost = _by_itself(n, 0.03)
+    lost[10:13, 0] = 0.5
+    solutions = [FrameSolution(USUAL_POSE, 0.0) for _ in range(n)]
+    for frame, solution in enumerate(solutions):
+        solution.confidence = dict(zip(LIMB_NAMES, 1.0 - lost[frame], strict=True)) | {"head": 0.5}
+        solution.distrusted = ["head"]
+    solutions[20].confidence, solutions[20].distrusted = dict.fromkeys(PARTS, 0.0), list(PARTS)
+    steady, numbers = SteadyConfidence(FPS), list[int]()
+    for frame, solution in enumerate(solutions):
+        finished = list(steady.add(solution))
+        assert [number for number, _ in finished] == ([frame - ahead] if frame >= ahead else [])
+        numbers += [number for number, done in finished if done is solutions[number]]
+    numbers += [number for number, done in steady.rest() if done is solutions[number]]
+    assert numbers == list(range(n))
+    lost[20] = 1.0
+    for frame in set(range(n)) - {20}:
+        expected = dict(zip(LIMB_NAMES, 1.0 - lost_in_time(lost, frame, FPS), strict=True))
+        assert solutions[frame].confidence == pytest.approx(expected | {"head": 0.5})
+        low = [limb for limb in LIMB_NAMES if expected[limb] < LEAST_CONFIDENCE]
+        assert solutions[frame].distrusted == ["head", *low]
+    assert "left_arm" in solutions[9].distrusted, "it was lost a frame later"
+    assert solutions[20].distrusted == list(PARTS)
+    assert set(solutions[20].confidence.values()) == {0.0}
