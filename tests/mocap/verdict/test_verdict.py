@@ -37,6 +37,14 @@ def judged(folder: Path, iou: dict[str, np.ndarray] | None = None, **run: Any) -
     return verdict_of(load_result(folder))
 
 
+def mark(folder: Path, **parts: int) -> None:
+    """Mark parts in so many of the 16 frames, from the first on, and nothing else."""
+    tracked = read_poses_csv(folder / "poses.csv")
+    assert tracked.marks is not None
+    marks = replace(tracked.marks, distrusted=marked(**parts)[:16])
+    write_poses_csv(folder / "poses.csv", replace(tracked, marks=marks))
+
+
 def test_doubtful_parts_and_their_frames_are_named(folder: Path) -> None:
     verdict = judged(folder)
     assert verdict.headline == "usable with gaps: 1 of 16 frames has doubtful parts"
@@ -103,28 +111,37 @@ def test_the_level_follows_from_marks_and_overlap(
 def test_results_that_are_not_usable_have_a_cause(folder: Path) -> None:
     (cause,) = judged(folder, dict.fromkeys(CAMERAS, np.full(16, 0.59))).causes
     assert "overlap little in most cameras" in cause.what, "a cause that is known stands alone"
-    tracked = read_poses_csv(folder / "poses.csv")
-    assert tracked.marks is not None
-    lost = replace(tracked.marks, distrusted=np.ones((16, len(PARTS)), bool))
-    write_poses_csv(folder / "poses.csv", replace(tracked, marks=lost))
+    mark(folder, **dict.fromkeys(PARTS, 16))
     (cause,) = judged(folder).causes
     assert cause.level == judged(folder).level == "not usable"
     assert "look at overlay.mp4" in cause.remedy
 
 
 def test_limbs_that_are_often_doubtful_have_a_cause_if_nothing_else_has(folder: Path) -> None:
-    tracked = read_poses_csv(folder / "poses.csv")
-    assert tracked.marks is not None
-    distrusted = np.zeros((16, len(PARTS)), bool)
-    distrusted[:5, PARTS.index("left_arm")] = distrusted[:4, PARTS.index("right_leg")] = True
-    write_poses_csv(
-        folder / "poses.csv", replace(tracked, marks=replace(tracked.marks, distrusted=distrusted))
-    )
+    mark(folder, left_arm=5, right_leg=4)
     (cause,) = judged(folder).causes
     assert cause.what.startswith("left arm: doubtful in more than a quarter of the frames")
     assert cause.kind == "cause"
     (other,) = judged(folder, {"cam02": np.full(16, 0.68)}).causes
     assert other.what.startswith("cam02 agrees less")
+
+
+@pytest.mark.parametrize("n_doubtful", [1, 16])
+@pytest.mark.parametrize(
+    ("azimuths_deg", "is_cause"),
+    [((31, 50, -149, -129), True), ((0, 15, 30), True), ((0, 90, 180, 270), False), ((0, 60, 120), False)],
+)
+def test_cameras_along_one_line_are_the_cause_of_limbs_that_are_often_doubtful(
+    folder: Path, azimuths_deg: tuple[int, ...], is_cause: bool, n_doubtful: int
+) -> None:
+    projections = {}
+    for number, azimuth_rad in enumerate(np.radians(azimuths_deg)):
+        ahead = np.array([-np.cos(azimuth_rad), -np.sin(azimuth_rad), -0.2])
+        projections[f"cam{number}"] = [[1, 0, 0, 0], [0, 1, 0, 0], [*ahead / np.linalg.norm(ahead), 4.0]]
+    mark(folder, left_arm=n_doubtful)
+    verdict = judged(folder, fit={"projections": projections})
+    told = [cause.what.startswith("all cameras look along nearly one line") for cause in verdict.causes]
+    assert told == ([is_cause] if n_doubtful == 16 else [])
 
 
 def test_few_frames_that_are_not_lost_do_not_hide_what_to_look_at(folder: Path) -> None:
