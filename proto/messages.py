@@ -290,9 +290,9 @@ class Pose(OfRun, type="pose"):
     worker_backends: Annotated[dict[Name, Count], Field(max_length=MAX_BACKENDS)]
     """Number of limb results used from workers since the take began, by their energy backend."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
-    """Wall time in seconds per stage: torso (or the whole body's alignment), head, limbs; a limb's name:
-    solving that limb; frame: since the previous frame was published; overhead: the coordinator's processor
-    time for everything except fitting."""
+    """Wall time in seconds per stage: torso (or the whole body's alignment; of settled recorded frames its
+    processor time), head, limbs; a limb's name: solving that limb; frame: since the previous frame was
+    published; overhead: the coordinator's processor time for everything except fitting."""
     confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
     """The probability that no joint of a part is more than 15 cm off; missing parts were not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
