@@ -56,8 +56,8 @@ def live(
 ) -> dict[str, Any]:
     """Track live until a stop is requested or all sources are files that have ended; returns run.json.
 
-    show, warn, and what is raised: as run_services; UserError, too, where no pose was found, or
-    where the run was cut off and its results lie beside earlier ones.
+    show, warn, and what is raised: as run_services; UserError, too, where no pose was found, or where the
+    run was cut off and its results lie beside earlier ones.
     """
     cut_off = partial_of(job.out)
     shutil.rmtree(cut_off, ignore_errors=True)  # live input cannot be continued

@@ -112,32 +112,28 @@ def find_floor(
     lenses: Lenses,
     moments: Sequence[tuple[Levels, Bytes, Ints]],
     plate_means: Sequence[Steps] = (),
-    origin: Floor | None = None,
 ) -> Floor | None:
     """The floor at the height at which cameras agree best on shadows, and how dark these are; None if they do
     not agree.
 
     moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. plate_means: of each camera's
-    plate (3, H, W), in steps, which tell what hides the floor. origin: the floor at the world's origin, if
-    it is known: that is tried first.
+    plate (3, H, W), in steps, which tell what hides the floor. The world's origin is tried first.
     """
 
     def floor_at(height_m: float) -> Floor:
         hidden = hidden_floor(height_m, lenses, plate_means) if plate_means else None
         return Floor.at(height_m, cameras, hidden)
 
-    floor = _agreed_floor(origin or floor_at(0.0), floor_at, lenses, moments)
+    floor = _agreed_floor(floor_at, lenses, moments)
     if floor is None:
         return None
     return replace(floor, darkness_odds=_darkness_odds(floor, lenses, moments))
 
 
 def _agreed_floor(
-    origin: Floor,
-    floor_at: Callable[[float], Floor],
-    lenses: Lenses,
-    moments: Sequence[tuple[Levels, Bytes, Ints]],
+    floor_at: Callable[[float], Floor], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
 ) -> Floor | None:
+    origin = floor_at(0.0)
     at_origin = _agreement(origin, lenses, moments)
     if at_origin >= _SURELY_AGREED:
         return origin

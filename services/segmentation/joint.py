@@ -73,7 +73,7 @@ class JointMatte:
         self._floor: Floor | None = None
         if self._has_others:
             hidden = hidden_floor(0.0, self._lenses, self._plate_means)
-            self._floor = self._at_origin = Floor.at(0.0, cameras, hidden)
+            self._floor = Floor.at(0.0, cameras, hidden)
         self._voxels: VoxelGrid | None = None
         self._objects: StaticObjects | None = None
         if len(cameras) > 2:
@@ -166,7 +166,7 @@ class JointMatte:
         for images in moments:
             there = self._compare(images)
             seen.append((self._ratios.copy(), self._states.copy(), there))
-        self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means, self._at_origin)
+        self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means)
         if self._voxels is not None:
             self._fill_with_voxels(self._floor.height_m if self._floor is not None else 0.0)
 

@@ -264,6 +264,15 @@ def test_an_idle_worker_that_is_silent_is_forgotten_until_it_is_heard_again(floo
     assert [len(floor.inbox[worker]) for worker in (b"w0", b"w1")] == [1, 1]
 
 
+def test_a_worker_that_is_back_gets_what_waits_at_once(floor: Floor) -> None:
+    (one,) = floor.workers(1)
+    floor.later(FROM_CLIENTS.silence_s + 0.1)
+    floor.dispatcher.submit([limb_task()])
+    assert one not in floor.inbox
+    assert floor.dispatcher.heard(one)
+    assert floor.latest(one).limb == "left_arm"
+
+
 def test_a_worker_that_registers_anew_is_not_there_twice(floor: Floor) -> None:
     floor.workers(1)
     floor.later(FROM_CLIENTS.silence_s + 0.1)

@@ -161,7 +161,7 @@ def _aligned(model: Model, picture: Picture, starts: Floats, settings: SearchSet
             pose = copy.aligner(settings).align(picture, pose, settings).pose
         return pose
 
-    model.aligner(settings)  # what copies share is made once
+    model.aligner(settings)  # thins the meshes, which the copies then read
     poses = np.array(list(model.copies.each(aligned, starts)))
     energies = whole_body_energy(model, picture, settings)(poses)
     return np.asarray(poses[np.argsort(energies, kind="stable")])

@@ -56,8 +56,9 @@ _UNEXPLAINED = Cause(
 _OFTEN = 0.25
 """Share of the frames from which on a limb that is doubtful needs a cause."""
 _ALONG_ONE_LINE = 0.85
-"""Largest eigenvalue of the mean of the viewing directions' outer products, from which on cameras look along
-nearly one line: 10 rigs of two facing groups have 0.89 to 0.94, 60 others at most 0.8."""
+"""Cameras look along nearly one line if the mean of the outer products of their viewing directions has an
+eigenvalue of this or more (1: exactly one line). Ten rigs of two facing groups have 0.89 to 0.94, 60 others
+at most 0.8."""
 _HEIGHT_OFF_M = 0.05
 _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 """One adult in a million is taller; smaller people are children, who are measured less well."""
@@ -75,7 +76,9 @@ def verdict_of(result: Result) -> Verdict:
         before = tuple(c.model_copy(update={"level": level}) if c.remedy else c for c in before)
     if all(cause.kind == "remark" for cause in (*before, *found)):
         likely = (_UNEXPLAINED,) if level == LEVELS[-1] else _hidden_limbs(result.distrusted)
-        found = (*((likely and _along_one_line(result)) or likely), *found)
+        if likely:
+            likely = _along_one_line(result) or likely
+        found = (*likely, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
     named[:, whole] = result.distrusted[:, whole]
