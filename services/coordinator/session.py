@@ -6,6 +6,7 @@ next whole frame, the tracker solves it, the session publishes its pose, and a s
 
 import logging
 import secrets
+from collections.abc import Iterator
 from dataclasses import replace
 
 from proto.auth import Admission
@@ -25,11 +26,14 @@ from services.coordinator.switchboard import Switchboard
 from services.coordinator.unsure import UnsureParts
 from services.health import beat
 from services.logs import about
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import UserError
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.found import FrameSolution
+from services.mocap.search.tracker import aligned_ahead
 from services.mocap.take.live import LiveTake
+from services.mocap.types import Floats
 from services.process import STOP_CHECK_S, StopRequest
 
 log = logging.getLogger(__name__)
@@ -112,16 +116,14 @@ class Session:
         self._unsure = tracking.unsure
         self._outgoing.begin_frame()
         self._overhead.begin()
-        for number in range(self._solved_end, self._plan.frames.stop):
-            frame = self._frames.next()
-            if frame is None:  # a stop was requested, or live input has ended
-                if self._live_settling is not None:
-                    self._live_settling.conclude()
-                    self._is_settled = True
-                return
+        for number, (frame, aligned) in enumerate(self._frames_ahead(tracking), self._solved_end):
             about(frame=number)
-            self._publish(number, frame, self._solve(number, frame, tracking), tracking)
-        if self._settling is not None:
+            self._publish(number, frame, self._solve(number, frame, tracking, aligned), tracking)
+        if self._solved_end < self._plan.frames.stop:  # a stop was requested, or live input has ended
+            if self._live_settling is not None:
+                self._live_settling.conclude()
+                self._is_settled = True
+        elif self._settling is not None:
             self._is_settled = self._settle(self._settling, tracking)
 
     def _first_frame(self, opening: Opening) -> Tracking | None:
@@ -162,13 +164,31 @@ class Session:
         with self._overhead.fitting():
             return self._live_settling is not None and self._live_settling.work()
 
-    def _solve(self, number: int, frame: Frame, tracking: Tracking) -> FrameSolution:
+    def _frames_ahead(self, tracking: Tracking) -> Iterator[tuple[Frame, FrameSolution | None]]:
+        """The frames that follow; where the limbs of known poses are left to the way back, some frames ahead
+        of what is solved, with their alignments."""
+        plan = self._plan
+
+        def frames() -> Iterator[tuple[Frame, TriPlanes, Floats | None]]:
+            for number in range(self._solved_end, plan.frames.stop):
+                frame = self._frames.next()
+                if frame is None:
+                    return
+                yield frame, frame.seen, plan.known_poses.get(number)
+
+        if self._settling is not None and plan.known_poses:
+            return aligned_ahead(tracking.model, plan.settings, frames())
+        return ((frame, None) for frame, _, _ in frames())
+
+    def _solve(
+        self, number: int, frame: Frame, tracking: Tracking, aligned: FrameSolution | None
+    ) -> FrameSolution:
         tracker = tracking.tracker
         tracking.limbs.frame = number
         was_lost = tracker.is_lost
         with self._overhead.fitting():
             known = self._plan.known_poses.get(number)
-            solution = tracker.solve(frame.seen, frame.absent, known, hurried=frame.is_late)
+            solution = tracker.solve(frame.seen, frame.absent, known, aligned=aligned, hurried=frame.is_late)
         if was_lost and not tracker.is_lost:
             self._incoming.catch_up()
         solution.seconds["overhead"] = self._overhead.of_frame()

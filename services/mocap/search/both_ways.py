@@ -5,7 +5,6 @@ that one way has lost the other way often has. Each frame is solved again from t
 tracks.
 """
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -16,8 +15,8 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import Chosen, PathSearch
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.frame import solve_frame
-from services.mocap.search.jobs import LimbPool, LocalLimbs
+from services.mocap.search.frame import align_alone
+from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
@@ -73,17 +72,14 @@ def solve_both_ways(
         planes = seen[frame]
         back = tracker.solve(planes, other=forward[frame], thorough=is_thorough)
         path.add(planes, forward[frame], back.pose)
-    # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
-    # as they do.
-    aligned_only, best = settings.aligned_only(), path.best()[::-1]
+    best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         planes, chosen = of_frame
-        begun_s, whole = time.thread_time(), Picture.of_frame(model.rig, planes)
-        solution = solve_frame(copy, whole, chosen.pose[None], aligned_only, LocalLimbs(copy))
-        solution.seconds["torso"] = time.thread_time() - begun_s  # other frames are solved meanwhile
-        return solution
+        return align_alone(copy, Picture.of_frame(model.rig, planes), chosen.pose, settings)
 
+    # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
+    # as they do.
     solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
     trust, steady = PartConfidence(model.rig, settings.doubt_px), SteadyConfidence(fps)
     for frame, chosen in enumerate(best):

@@ -1,5 +1,7 @@
 """Solves one frame by the method of the settings."""
 
+import time
+
 import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
@@ -7,7 +9,7 @@ from services.mocap.body.skeleton import pose_of_body
 from services.mocap.energy.picture import Picture
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.jobs import LimbPool
+from services.mocap.search.jobs import LimbPool, LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.paper_search import solve_by_passes
 from services.mocap.search.part_confidence import PartConfidence
@@ -37,6 +39,17 @@ def solve_frame(
         return solve_by_passes(model, whole, starts, settings, limbs)
     trust = trust or PartConfidence(model.rig, settings.doubt_px)
     return solve_by_contours(model, whole, starts, settings, limbs, trust, other, thorough=thorough)
+
+
+def align_alone(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> FrameSolution:
+    """Align the body from a pose (D,); frames before and after, and limbs, are not looked at.
+
+    So frames can be aligned at the same time, each with a copy of the model. Time is that of this thread.
+    """
+    begun_s = time.thread_time()
+    solution = solve_frame(model, picture, pose[None], settings.aligned_only(), LocalLimbs(model))
+    solution.seconds["torso"] = time.thread_time() - begun_s
+    return solution
 
 
 def extrapolated(poses: list[Floats]) -> Floats:

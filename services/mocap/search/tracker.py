@@ -1,8 +1,9 @@
 """Tracks one actor from frame to frame, and finds a lost actor again."""
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import BY_ENERGY, FrameSolution
-from services.mocap.search.frame import extrapolated, solve_frame
+from services.mocap.search.frame import align_alone, extrapolated, solve_frame
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
@@ -20,6 +21,8 @@ from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
+
+_Frame = TypeVar("_Frame")
 
 log = logging.getLogger(__name__)
 
@@ -67,6 +70,7 @@ class Tracker:
         known: Floats | None = None,
         other: Floats | None = None,
         *,
+        aligned: FrameSolution | None = None,
         thorough: bool = False,
         hurried: bool = False,
     ) -> FrameSolution:
@@ -77,11 +81,9 @@ class Tracker:
         several times as long as the rest. While the actor is lost, the torso is unreliable, which stands for
         the whole body; where the body is not even near the silhouettes, the pose is the last one found.
 
-        Limbs that the earlier run has searched are left to the way back, if one follows, unless a part is
-        doubtful.
+        If a way back follows, a known pose is only aligned, unless a part is doubtful then: limbs are left to
+        the way back. aligned: this alignment, if it was made before (aligned_ahead).
         """
-        leaves_limbs_to_way_back = known is not None and self._settings.goes_both_ways
-        skips_limbs = hurried or leaves_limbs_to_way_back
         picture, settings = self._model.without_cameras(seen, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:
@@ -93,9 +95,14 @@ class Tracker:
             )
 
         usual = self._trust.as_lists()
-        solution = solved(settings.aligned_only() if skips_limbs else settings)
-        is_doubtful = bool(solution.distrusted) if leaves_limbs_to_way_back else solution.is_lost
-        if skips_limbs and is_doubtful:  # perhaps because of its limbs
+        if known is not None and settings.goes_both_ways:
+            solution = aligned or align_alone(self._model, picture, known, settings)
+            self._trust.judge(solution)
+            is_enough = not solution.distrusted
+        else:
+            solution = solved(settings.aligned_only() if hurried else settings)
+            is_enough = not (hurried and solution.is_lost)
+        if not is_enough:  # perhaps because limbs were not searched
             self._trust.recall(usual)  # what differs without them is not usual
             solution = solved(settings)
         is_lost = solution.is_lost
@@ -137,6 +144,26 @@ class Tracker:
         self._wait = min(2**self._tries, _LONGEST_WAIT)
         first = find_first_pose(self._model, picture, hull, self._limbs, settings)
         return None if first.solution.is_lost else first.solution
+
+
+def aligned_ahead(
+    model: Model, settings: SearchSettings, frames: Iterable[tuple[_Frame, TriPlanes, Floats | None]]
+) -> Iterator[tuple[_Frame, FrameSolution | None]]:
+    """Frames, each with what `Tracker.solve` can be told as `aligned`; None without a known pose.
+
+    frames: each with its silhouettes (P, H, W) and its known pose (D,). Some are aligned ahead, at the same
+    time.
+    """
+
+    def aligned(
+        copy: Model, one: tuple[_Frame, TriPlanes, Floats | None]
+    ) -> tuple[_Frame, FrameSolution | None]:
+        frame, seen, known = one
+        if known is None:
+            return frame, None
+        return frame, align_alone(copy, Picture.of_frame(model.rig, seen), known, settings)
+
+    return model.copies.each(aligned, frames)
 
 
 def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:
