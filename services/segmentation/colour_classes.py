@@ -89,6 +89,8 @@ class ColourLearner:
         counts = self._counts[:, known].astype(np.float32)
         smooth = gaussian_filter(counts.reshape(*counts.shape[:2], *COLOUR_BINS), (0, 0, *_SMOOTH_BINS))
         smooth = smooth.reshape(counts.shape)
+        used = smooth.any(axis=(0, 1))  # of all colours, people show a few
+        counts, smooth = counts[..., used], smooth[..., used]
         classes: Ints = np.zeros(len(known), np.int32)
         for number, group in enumerate(_merged(_grouped(_densities(smooth)), counts, smooth), 1):
             classes[group] = number
@@ -107,7 +109,9 @@ class ColourLearner:
             for s, name in reversed(list(enumerate(COLOURED)))
             if of_surfaces[s].any()
         }
-        return ColourClasses(dict(sorted(colours.items())), tables.reshape(-1, *COLOUR_BINS))
+        of_bins = np.zeros((len(tables), len(used)), np.uint8)
+        of_bins[:, used] = tables
+        return ColourClasses(dict(sorted(colours.items())), of_bins.reshape(-1, *COLOUR_BINS))
 
 
 def _densities(counts: Singles) -> Singles:
@@ -136,7 +140,7 @@ def _grouped(densities: Singles) -> list[list[int]]:
     similar first."""
     groups = [[k] for k in range(densities.shape[1])]
     roots = np.sqrt(densities)
-    apart = np.array([_apart(roots, k) for k in range(len(groups))])
+    apart = _apart(roots, roots)
     np.fill_diagonal(apart, np.inf)
     while len(groups) > 1:
         i, j = sorted(divmod(int(apart.argmin()), len(groups)))
@@ -145,7 +149,7 @@ def _grouped(densities: Singles) -> list[list[int]]:
         groups[i] += groups.pop(j)
         roots[:, i] = np.sqrt(densities[:, groups[i]].mean(axis=1))
         roots, apart = np.delete(roots, j, axis=1), np.delete(np.delete(apart, j, axis=0), j, axis=1)
-        apart[i] = apart[:, i] = _apart(roots, i)
+        apart[i] = apart[:, i] = _apart(roots, roots[:, i, None])[:, 0]
         apart[i, i] = np.inf
     return groups
 
@@ -182,12 +186,12 @@ def _told(counts: Singles, smooth: Singles) -> float:
     return float(rel_entr(shares, np.outer(of_group, shares.sum(axis=0))).sum())
 
 
-def _apart(roots: Singles, k: int) -> Floats:
-    """(K,) one minus the Bhattacharyya coefficients of piece k and all, mean over the cameras that show both;
-    roots (C, K, bins): of their densities."""
-    shown: Mask = np.asarray(roots.any(axis=2))
-    n_both = (shown & shown[:, k, None]).sum(axis=0)
-    common = (roots @ roots[:, k, :, None])[..., 0].sum(axis=0)
+def _apart(one: Singles, other: Singles) -> Floats:
+    """(K, J) one minus the Bhattacharyya coefficients of pieces, mean over the cameras that show both; one
+    (C, K, bins), other (C, J, bins): roots of their densities."""
+    shown_one, shown_other = (roots.any(axis=2).astype(np.float32) for roots in (one, other))
+    n_both = np.einsum("ck,cj->kj", shown_one, shown_other)
+    common = (one @ other.transpose(0, 2, 1)).sum(axis=0)
     return np.where(n_both > 0, 1.0 - common / np.maximum(n_both, 1), 1.0).astype(np.float64)
 
 
