@@ -124,7 +124,7 @@ def _compared(
     take, plate_checks = silhouettes.take, list[PlateCheck]()
     with kept_warnings() as warnings:
         cameras, outlines, _ = outlines_of(
-            take, frames, progress, silhouettes.name, moved, plate_checks.append
+            take, frames, progress, silhouettes.name, moved, plate_checks.append, silhouettes.backgrounds
         )
         found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
         certain = [mistake for mistake in found if mistake.is_certain]

@@ -105,16 +105,16 @@ def fit_and_track(
         return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 
 
-def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
-    """Track with the body and first poses of job.fitted, or else of the take; goes_on: as in
-    fit_and_track."""
+def track_given(job: TakeJob, remarks: Sequence[str], *, goes_on: bool) -> dict[str, Any]:
+    """Track with the body and first poses of job.fitted, or else of the take, and print these remarks;
+    goes_on: as in fit_and_track."""
     record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
     if goes_on and (record is None or record.first_frame <= job.frames.start):
         job = forwards(job)
     actor = take_actor(job.take) if goes_on and job.fitted is None else None
     if actor is not None and (report := _tracked_before(job, actor)) is not None:
         return report
-    return track_with_bar(job)
+    return track_with_bar(job, remarks)
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any] | None:

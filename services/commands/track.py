@@ -121,7 +121,7 @@ def track(
         fits, again = _steps(job, fits_mesh=mesh is not None, fit_first=fit_first, refine=refine)
         say(ENERGY_IN_WORDS, stderr)  # which the bars show
         if again:
-            _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
+            _ = silhouettes.remarks  # services read what was learnt, and remark nothing
             job = replace(job, kept=Path(kept))
         forks = fork_server(job.kinds, Path(kept))  # it loads code while the actor is fitted
         if forks is not None:
@@ -130,7 +130,7 @@ def track(
         if fits:
             report = fit_and_track(first, silhouettes, mesh, goes_on=again)
         else:
-            report = track_given(first, goes_on=again)
+            report = track_given(first, silhouettes.remarks if again else (), goes_on=again)
         if again:
             report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)

@@ -13,6 +13,7 @@ from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.side_by_side import N_CORES
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask, Trimap
+from services.segmentation.background import CameraBackground
 from services.segmentation.segmenters import AUTO, PlateCheck, make_segmenter
 
 
@@ -23,13 +24,14 @@ def outlines_of(
     segmenter: str = AUTO,
     moved: Mapping[str, Mask] | None = None,
     later: Callable[[PlateCheck], None] = lambda check: check(),
+    backgrounds: Mapping[str, CameraBackground] | None = None,
 ) -> tuple[tuple[Camera, ...], Outlines, Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and trimaps (C, H, W) of the middle
     frame.
 
     progress: called with 0 to 1. moved: by camera the pixels (h, w) that show a moved object
-    (Segmenter.moved), which one camera alone takes for the actor; they are unsure. later: as
-    make_segmenter's.
+    (Segmenter.moved), which one camera alone takes for the actor; they are unsure. later,
+    backgrounds: as make_segmenter's.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -37,7 +39,8 @@ def outlines_of(
 
     def of_camera(c: int) -> list[Outline | None]:
         found: list[Outline | None] = []
-        alone = make_segmenter(take, [take.cameras[c]], segmenter, later).knowing(moved or {})
+        alone = make_segmenter(take, [take.cameras[c]], segmenter, later, backgrounds=backgrounds)
+        alone = alone.knowing(moved or {})
         trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
         for n, (trimap,) in enumerate(trimaps):
             found.append(outline_of(trimap, cameras[c]))

@@ -15,6 +15,7 @@ from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
 from services.runs.reporting import kept_warnings
+from services.segmentation.background import CameraBackground
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.segmenters import AUTO, READY, PlateCheck, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
@@ -29,6 +30,12 @@ class TakeSilhouettes:
         """kept: a folder for silhouettes once made; see make_segmenter."""
         self.take, self.name, self._kept = take, segmenter, kept
         self._plate_checks: list[PlateCheck] = []
+        self.backgrounds = {
+            camera.name: CameraBackground(take, camera)
+            for camera in take.cameras
+            if take.has_background(camera)
+        }
+        """Of the cameras with a recorded clean plate; estimates hold many pictures in memory."""
         self.said: list[str] = []
         """What is wrong with the empty stage, as far as it was noticed while learning it."""
 
@@ -48,8 +55,9 @@ class TakeSilhouettes:
         """What makes them; raises UserError as make_segmenter does."""
         with kept_warnings() as said:
             segmenter = make_segmenter(
-                self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept
-            )
+                self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept,
+                self.backgrounds,
+            )  # fmt: skip
         self.said = sorted(said)  # cameras are learnt side by side
         return segmenter
 

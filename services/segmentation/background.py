@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 
@@ -30,14 +30,15 @@ _MOST_DECODED = 48
 """Frames that quick looks decode, in total."""
 
 
-@dataclass(frozen=True, eq=False)
 class CameraBackground:
-    """The sources for learning one camera's background."""
+    """One camera's background: the sources for learning it, and its plate, which is learnt once."""
 
-    take: Take
-    camera: Camera
-    looks: list[Bytes] = field(default_factory=list)
-    """Small copies of the recorded clean plate, after learning it."""
+    def __init__(self, take: Take, camera: Camera) -> None:
+        self.take, self.camera = take, camera
+        self._looks: list[Bytes] = []
+        """Small copies of the recorded clean plate, after learning it."""
+        self._plate: tuple[Plate, tuple[float, float]] | None = None
+        """As learnt, and by how much the recorded one was moved (right, down), in pixels."""
 
     @property
     def is_recorded(self) -> bool:
@@ -53,7 +54,8 @@ class CameraBackground:
         """Pictures (H, W, 3) of the empty scene: the clean plate, or an estimate from the take."""
         if not self.is_recorded:
             return self.made.frames
-        return keeping_looks(self.take.background(self.camera), self.looks, LOOKS)
+        self._looks.clear()
+        return keeping_looks(self.take.background(self.camera), self._looks, LOOKS)
 
     def mean_picture(self) -> Bytes | None:
         """The recorded clean plate as one picture (H, W, 3); None without one."""
@@ -65,9 +67,14 @@ class CameraBackground:
         return np.asarray(np.rint(total / max(count, 1)).astype(np.uint8))
 
     def plate(self) -> Plate:
-        """The camera's plate, moved to where its pictures are if the camera was touched since."""
-        first = self._first_picture()
-        shift_px = self._shift_px(first)
+        """The camera's plate, moved to where its pictures are if the camera was touched since; what is wrong
+        with it is logged every time."""
+        if self._plate is None:
+            first = self._first_picture()
+            shift_px = self._shift_px(first)
+            moved = shifted(self.pictures(), shift_px)
+            self._plate = Plate.learn(moved, LIGHT_UNCERTAINTY, first), shift_px
+        plate, shift_px = self._plate
         if shift_px != (0.0, 0.0):
             log.warning(
                 "%s/background: clean plate of %s lies %.1f px beside the pictures and was moved: the camera "
@@ -75,7 +82,6 @@ class CameraBackground:
                 "(xormocap calibrate --check)",
                 self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
             )  # fmt: skip
-        plate = Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY, first)
         if plate.has_other_tone:
             log.warning(
                 "%s/background: clean plate of %s has another contrast than the videos, to which it was "
@@ -110,7 +116,7 @@ class CameraBackground:
 
     def check(self) -> None:
         """Warn if a recorded clean plate, already learnt, is not clean."""
-        ghost = find_ghost(np.array(self.looks), quick_looks(self.take, self.camera, LOOKS))
+        ghost = find_ghost(np.array(self._looks), quick_looks(self.take, self.camera, LOOKS))
         if ghost is None:
             return
         what = "something moves in it" if ghost.moves else "shows something that most frames do not"

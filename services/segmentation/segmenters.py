@@ -4,7 +4,7 @@ To add one, add a row there, a class with the method of a Matte, and a line to `
 segmenters as entry points of the group `xormocap.segmenters`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeAlias, TypeVar
@@ -23,6 +23,7 @@ from services.segmentation.baselines import PaperTest, TrainedModel
 from services.segmentation.chroma import ChromaKey
 from services.segmentation.external import OnnxMatte, PluginMatte
 from services.segmentation.joint import JointMatte
+from services.segmentation.kept_matte import learnt_once
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.learning import learn_from_take
 from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, SeparateMattes
@@ -84,18 +85,23 @@ def make_segmenter(
     name: str = AUTO,
     later: Callable[[PlateCheck], None] = lambda check: check(),
     kept: Path | None = None,
+    backgrounds: Mapping[str, CameraBackground] | None = None,
 ) -> Segmenter:
     """A trained segmenter for some cameras of a take; logs one warning if plates are estimated.
 
     Cameras of one segmenter help each other; cameras that shall be compared need separate ones. later:
-    collects the checks of recorded clean plates, 0.25 s each; by default they run at once. kept: a folder of
-    silhouettes that were made before (KeptTrimaps); if it has those of all frames, nothing is learnt. Raises
+    collects the checks of recorded clean plates, 0.25 s each; by default they run at once. kept: a folder
+    with silhouettes that were made before (KeptTrimaps), and with what was learnt for them, which is then
+    neither learnt nor checked again. backgrounds: those that may have been learnt before, by camera. Raises
     UserError if there is no segmenter of that name, or the take lacks something that it needs.
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
         return Segmenter.of_silhouettes(take, cameras)
-    matte = cache(partial(_matte_of_take, take, cameras, chosen, later))
+    known = backgrounds or {}
+    of_cameras = [known.get(camera.name) or CameraBackground(take, camera) for camera in cameras]
+    learn = partial(_matte_of_take, take, cameras, chosen, later, of_cameras)
+    matte = cache(learn if kept is None else partial(learnt_once, kept, learn))
     kept_trimaps = None if kept is None else KeptTrimaps(kept, cameras)
     if kept_trimaps is None or not kept_trimaps.has_all(take.settings.frames):
         matte()
@@ -103,10 +109,13 @@ def make_segmenter(
 
 
 def _matte_of_take(
-    take: Take, cameras: Sequence[Camera], name: str, later: Callable[[PlateCheck], None]
+    take: Take,
+    cameras: Sequence[Camera],
+    name: str,
+    later: Callable[[PlateCheck], None],
+    backgrounds: Sequence[CameraBackground],
 ) -> GroupMatte:
     """What a segmenter learns of a take with videos; as make_segmenter."""
-    backgrounds = [CameraBackground(take, camera) for camera in cameras]
     matte = _group_matte(backgrounds, name)
     if isinstance(matte, JointMatte):
         learn_from_take(matte, take, cameras)

@@ -11,7 +11,9 @@ from services.mocap.camera.camera import Camera
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 from services.segmentation import segmenters, silhouettes
+from services.segmentation.background import CameraBackground
 from services.segmentation.kept_trimaps import KeptTrimaps
+from services.segmentation.plate import Plate
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import pictures_of
 
@@ -48,6 +50,37 @@ def _assert_same(found: Sequence[Trimap] | None, expected: Sequence[Trimap]) -> 
     assert found is not None
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("mode", [0o700, 0o777])
+def test_what_was_learnt_is_learnt_once(
+    small_take: SmallTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int
+) -> None:
+    """A folder that others can write into is not believed."""
+    take, learnt = open_take(small_take(n_cameras=3, frames=FRAMES)), Mock(wraps=segmenters.learn_from_take)
+    tmp_path.chmod(mode)
+    monkeypatch.setattr(segmenters, "learn_from_take", learnt)
+    one, other = (make_segmenter(take, take.cameras, kept=tmp_path) for _ in range(2))
+    assert learnt.call_count == (1 if mode == 0o700 else 2)
+    alone = make_segmenter(take, take.cameras)
+    for made in (one, other):
+        expected = alone.trimaps(0, FRAMES)
+        for found, trimaps in zip(made.trimaps(0, FRAMES), expected, strict=True):
+            _assert_same(found, trimaps)
+        for path in tmp_path.glob("*.trimaps"):
+            path.unlink()
+
+
+def test_backgrounds_are_learnt_once(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
+    take, learnt = open_take(small_take(n_cameras=3, frames=FRAMES)), Mock(wraps=Plate.learn)
+    monkeypatch.setattr(Plate, "learn", learnt)
+    backgrounds = {camera.name: CameraBackground(take, camera) for camera in take.cameras}
+    alone = make_segmenter(take, take.cameras[:1], backgrounds=backgrounds)
+    assert learnt.call_count == 1
+    together = make_segmenter(take, take.cameras, backgrounds=backgrounds)
+    assert learnt.call_count == 3
+    for made, cameras in ((alone, take.cameras[:1]), (together, take.cameras)):
+        _assert_same(next(made.trimaps(0, 1)), next(make_segmenter(take, cameras).trimaps(0, 1)))
 
 
 def test_a_frame_is_made_once(small_take: SmallTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

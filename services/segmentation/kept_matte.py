@@ -1,0 +1,44 @@
+"""What was learnt of a recorded take, in a folder for the next steps of a command."""
+
+import os
+import pickle  # noqa: TID251  (of a folder that only this user can write)
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from services.mocap.atomic import write_file
+from services.mocap.errors import UserError
+from services.segmentation.joint import JointMatte
+from services.segmentation.silhouettes import GroupMatte
+
+_FILE = "learnt.pickle"
+_MOST_OF_DISK = 0.25
+"""Share of the free space that it may take: eight cameras need 75 MB in 320x240, 240 MB in 640x480."""
+
+
+def learnt_once(folder: Path, learn: Callable[[], GroupMatte]) -> GroupMatte:
+    """The matte in a folder; without one it is learnt, and a JointMatte is put there if there is room.
+
+    A folder that others can write into is not used: a pickle can run anything.
+    """
+    path = folder / _FILE
+    if path.exists() and _is_private(folder):
+        matte: GroupMatte = pickle.loads(path.read_bytes())  # noqa: S301
+        return matte
+    matte = learn()
+    if isinstance(matte, JointMatte) and _is_private(folder):
+        with suppress(OSError, UserError):  # then it is learnt again
+            content = pickle.dumps(matte)
+            if len(content) < _MOST_OF_DISK * shutil.disk_usage(folder).free:
+                write_file(path, content)
+    return matte
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether a folder is there and this user's alone."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return found.st_uid == os.getuid() and not found.st_mode & 0o022
