@@ -15,7 +15,7 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.tracker import Tracker
+from services.mocap.search.tracker import Tracker, aligned_ahead
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
@@ -82,6 +82,23 @@ def test_limbs_of_a_known_pose_are_left_to_the_way_back(model: Model, both_ways:
     found = tracker.solve(_drawn(model, here), known=here)
     assert (found.seconds["limbs"] > 0) is not both_ways
     assert found.distrusted == []
+
+
+def test_what_is_aligned_ahead_is_what_would_be_found(model: Model) -> None:
+    """In the order of the frames; nothing is made of frames without a known pose."""
+    poses = [_pose(model, 0.02 * k, 0.5) for k in range(7)]
+    known = [None if k == 4 else pose + 0.01 for k, pose in enumerate(poses)]
+    seen = [_drawn(model, pose) for pose in poses]
+    ahead = list(aligned_ahead(model, SearchSettings(), zip(range(7), seen, known, strict=True)))
+    assert [frame for frame, _ in ahead] == list(range(7))
+    assert [frame for frame, aligned in ahead if aligned is None] == [4]
+    one, other = (Tracker(model, SearchSettings(), LocalLimbs(model), poses[0][None]) for _ in range(2))
+    for frame, aligned in ahead:
+        found = one.solve(seen[frame], known=known[frame], aligned=aligned)
+        expected = other.solve(seen[frame], known=known[frame])
+        np.testing.assert_array_equal(found.pose, expected.pose)
+        assert (found.confidence, found.distrusted) == (expected.confidence, expected.distrusted)
+        assert one.memory() == other.memory()
 
 
 def test_a_limb_of_a_known_pose_is_searched_if_it_looks_doubtful(model: Model) -> None:
