@@ -14,7 +14,7 @@ from services.mocap.calibration.mistakes import mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
-from services.mocap.fit.contours import evenly
+from services.mocap.sampling import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.segmenter_name import kind_of

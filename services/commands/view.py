@@ -147,8 +147,8 @@ def finished_show(folder: Path, take: Path | None) -> Show:
 
     pictures = TakePictures(opened, segment, shown)
     artist = TileArtist(body, rig, pictures)
-    names = tuple(camera.name for camera in opened.cameras)
-    return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)
+    names, has_pictures = tuple(opened.camera_names), any(map(opened.has_video, opened.cameras))
+    return Show(name, fps, history, body, rig, names, artist, False, has_pictures, verdict=verdict)
 
 
 def _fit_of(result: Result, take: Take) -> tuple[dict[str, Mask], dict[str, Bytes]] | None:

@@ -166,7 +166,8 @@ class Dispatcher:
         self._assign()
 
     def heard(self, identity: Identity, hello: Hello | None = None) -> bool:
-        """Note a sign of life; returns False for a peer that has not registered."""
+        """Note a sign of life: a hello registers a worker, a missing one is back, and a task that it has had
+        for too long is queued again; returns False for a peer that has not registered."""
         if hello is not None:
             for old in [i for i, w in self._workers.items() if i == identity or w.name == hello.name]:
                 self._forget(old, "registered anew")

@@ -32,7 +32,7 @@ class Overhead:
         yield
         self._fitted_s -= time.thread_time() - began_s
 
-    def of_frame(self) -> float:
+    def end_frame(self) -> float:
         """Seconds of overhead since the frame's beginning; the next frame begins."""
         overhead_s = time.thread_time() - self._began_s - self._fitted_s
         self.begin()

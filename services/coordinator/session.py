@@ -191,7 +191,7 @@ class Session:
             solution = tracker.solve(frame.seen, frame.absent, known, aligned=aligned, hurried=frame.is_late)
         if was_lost and not tracker.is_lost:
             self._incoming.catch_up()
-        solution.seconds["overhead"] = self._overhead.of_frame()
+        solution.seconds["overhead"] = self._overhead.end_frame()
         return solution
 
     def _publish(self, number: int, frame: Frame, solution: FrameSolution, tracking: Tracking) -> None:

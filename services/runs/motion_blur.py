@@ -23,8 +23,9 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import WORKING_WIDTH_PX, Rig
 from services.mocap.camera.undistort import undistorted_px
-from services.mocap.fit.contours import TURN_PX, Contour, evenly, nearest_facing
+from services.mocap.fit.contours import TURN_PX, Contour, nearest_facing
 from services.mocap.fit.rim import PosedSurface
+from services.mocap.sampling import evenly
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Trimap

@@ -21,11 +21,11 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
-from services.mocap.fit.contours import evenly
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
+from services.mocap.sampling import evenly
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded

@@ -11,8 +11,8 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
-from services.mocap.fit.contours import evenly
 from services.mocap.fit.fitting import Fit
+from services.mocap.sampling import evenly
 from services.mocap.search.first_frame import tell_facing
 from services.mocap.search.first_pose import FirstPose, turned_round
 from services.mocap.search.found import BY_ENERGY, FrameSolution

@@ -103,7 +103,7 @@ class Sender:
             self._follow(message)
 
     def _follow(self, credit: Credit) -> None:
-        """Move to the coordinator's position if it is behind (restarted), ahead, or in another run."""
+        """Go on where the coordinator is: behind (it was restarted), ahead, or in another run."""
         self._credit = credit
         stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > RESEND_S
         is_other = credit.run != self._run

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.fit.contours import evenly
+from services.mocap.sampling import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes

@@ -5,19 +5,17 @@ limit on the turn of the colour tells cast shadow from the actor.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import radians, tan
 from typing import Any
 
-import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import Bytes, Mask, Trimap
 from services.segmentation.cleanup import cleanup
-from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
+from services.segmentation.comparison import Comparison
+from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 from services.segmentation.plate import Plate
 from services.segmentation.plate_noise import check_size
 
@@ -50,19 +48,16 @@ class TrainedModel:
         return trimap_of(cleanup(marked == _FOREGROUND))
 
 
-@dataclass(frozen=True, eq=False)
 class PaperTest:
     """Compares a camera's pictures with its clean plate. Made by `learn`."""
 
-    plate: Plate
-    channels: Bytes
-    """(3, H, W) buffer for the current picture: blue, green and red."""
+    def __init__(self, plate: Plate) -> None:
+        self._comparison = Comparison(plate)
 
     @staticmethod
     def learn(frames: Iterable[Bytes]) -> "PaperTest":
         """From BGR uint8 frames (H, W, 3) of the empty stage; raises UserError as Plate.learn does."""
-        plate = Plate.learn(frames, of_codec=False)
-        return PaperTest(plate, np.empty((3, *plate.shape), np.uint8))
+        return PaperTest(Plate.learn(frames, of_codec=False))
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap; depends on this image alone. Raises UserError where it is not of the plate's
@@ -71,91 +66,40 @@ class PaperTest:
 
     def foreground(self, image_bgr: Bytes) -> Mask:
         """The pixels that differ from the plate and are not shadow: a mask (H, W), including specks."""
-        plate = self.plate
+        plate = self._comparison.plate
         check_size(image_bgr, plate.shape, "image", "the clean plate")
-        gains = plate.gauge.gains(image_bgr)
-        height, width = plate.shape
-        whole = np.zeros((height, -(-width // 8) * 8), np.uint8)
-        cv2.split(image_bgr, list(self.channels))
-        _mark_differences(self.channels, gains, plate.mean, plate.whitening, _DISTANCE_SIGMAS, whole)
+        gains = self._comparison.compare(image_bgr, light_varies=False)
+        differs = np.asarray(self._comparison.deviation2 > _DISTANCE_SIGMAS**2)
         _drop_shadow(
-            whole, whole.view(np.uint64), self.channels, gains, plate.mean, plate.turn_noise,
-            _SHADOW_RATIO_MIN, tan(radians(_SHADOW_ANGLE_DEG)),
+            differs, image_bgr, gains / np.float32(MEAN_STEPS), plate.mean, plate.turn_noise,
+            np.float32(_SHADOW_RATIO_MIN), np.float32(tan(radians(_SHADOW_ANGLE_DEG))),
         )  # fmt: skip
-        return whole[:, :width].view(np.bool_)
+        return differs
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _mark_differences(
-    channels: Bytes, gains: Levels, mean: Steps, whitening: Steps, sigmas: float, mask: Bytes
-) -> None:
-    """Set a mask (H, W or more) to 1 where channels (3, H, W) differ from gains * mean by more than noise.
-
-    gains (3,), mean (3, H, W), whitening (6, H, W): see Plate. The inner loop has no branch, so that it is
-    vectorised.
-    """
-    blue, green, red = gains / np.float32(MEAN_STEPS)
-    top = np.float32(255)
-    limit = np.float32((sigmas * WHITENING_STEPS) ** 2)
-    for y in range(channels.shape[1]):
-        for x in range(channels.shape[2]):
-            m0, m1, m2 = blue * mean[0, y, x], green * mean[1, y, x], red * mean[2, y, x]
-            d0 = np.float32(channels[0, y, x]) - (m0 if m0 < top else top)
-            d1 = np.float32(channels[1, y, x]) - (m1 if m1 < top else top)
-            d2 = np.float32(channels[2, y, x]) - (m2 if m2 < top else top)
-            e0 = whitening[BB, y, x] * d0
-            e1 = whitening[GB, y, x] * d0 + whitening[GG, y, x] * d1
-            e2 = whitening[RB, y, x] * d0 + whitening[RG, y, x] * d1 + whitening[RR, y, x] * d2
-            mask[y, x] = e0 * e0 + e1 * e1 + e2 * e2 > limit
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _drop_shadow(
-    mask: Bytes, words: NDArray[np.uint64], channels: Bytes, gains: Levels, mean: Steps,
-    turn_noise: Levels, ratio_min: float, tangent: float,
+    differs: Mask, image_bgr: Bytes, gains: Levels, mean: Steps, turn_noise: Levels, ratio_min: np.float32,
+    tangent: np.float32,
 ) -> None:  # fmt: skip
-    """Clear pixels of a mask (H, W or more) that show background in shadow: darker, not too dark, same
-    colour.
-
-    words: the mask's memory, eight pixels each; channels (3, H, W): the picture, gains (3,) brighter than the
-    mean (3, H, W).
+    """Clear pixels of a mask (H, W) that show background in shadow: darker, not too dark, same colour.
 
     The turn of colour is the angle between the BGR vectors. Hue itself is undefined on grey walls and
     noisy near them, while a grey wall's vector is as well defined as any: navy before grey turns it by
     tens of degrees, shadow by hardly any. Noise turns dark colours further than bright ones, so its
     share is granted in levels, not in degrees.
     """
-    levels = gains / np.float32(MEAN_STEPS)
-    darkest, turn = np.float32(ratio_min), np.float32(tangent)
-    for y in range(words.shape[0]):
-        first, last = 0, words.shape[1]
-        while first < last and words[y, first] == 0:
-            first += 1
-        while last > first and words[y, last - 1] == 0:
-            last -= 1
-        if first < last:
-            end = min(8 * last, channels.shape[2])
-            _drop_in_row(mask, channels, mean, turn_noise, y, 8 * first, end, levels, darkest, turn)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _drop_in_row(
-    mask: Bytes, channels: Bytes, mean: Steps, turn_noise: Levels, y: int, begin: int, end: int,
-    levels: Levels, ratio_min: np.float32, tangent: np.float32,
-) -> None:  # fmt: skip
-    """Clear what is shadow in a part of a row; without a branch, so that many pixels go at a time."""
-    white = np.float32(255)
-    blue, green, red = channels[0, y, begin:end], channels[1, y, begin:end], channels[2, y, begin:end]
-    mean_b, mean_g, mean_r = mean[0, y, begin:end], mean[1, y, begin:end], mean[2, y, begin:end]
-    noise, marked = turn_noise[y, begin:end], mask[y, begin:end]
-    for x in range(marked.size):
-        b, g, r = np.float32(blue[x]), np.float32(green[x]), np.float32(red[x])
-        mb, mg, mr = levels[0] * mean_b[x], levels[1] * mean_g[x], levels[2] * mean_r[x]
-        along = b * mb + g * mg + r * mr
-        expected = min(mb, white) * mb + min(mg, white) * mg + min(mr, white) * mr
-        length2 = max(mb * mb + mg * mg + mr * mr, np.float32(1))
-        along_levels = along / np.sqrt(length2)
-        across2 = b * b + g * g + r * r - along_levels * along_levels
-        allowed = along_levels * tangent + _SHADOW_SIGMAS * noise[x]
-        is_shadow = (along < expected) & (along >= ratio_min * expected) & (across2 <= allowed * allowed)
-        marked[x] &= not is_shadow
+    for y in range(differs.shape[0]):
+        for x in range(differs.shape[1]):
+            if differs[y, x]:
+                along = expected = length2 = seen2 = np.float32(0)
+                for c in range(3):
+                    seen, lit = np.float32(image_bgr[y, x, c]), gains[c] * np.float32(mean[c, y, x])
+                    along += seen * lit
+                    expected += min(lit, np.float32(255)) * lit
+                    length2 += lit * lit
+                    seen2 += seen * seen
+                along_levels = along / np.sqrt(max(length2, np.float32(1)))
+                allowed = along_levels * tangent + _SHADOW_SIGMAS * turn_noise[y, x]
+                is_same_colour = seen2 - along_levels * along_levels <= allowed * allowed
+                differs[y, x] = not (ratio_min * expected <= along < expected and is_same_colour)

@@ -68,17 +68,9 @@ class Comparison:
         """Compare a picture (H, W, 3), moved back where a camera shakes, with the plate; raises UserError if
         its size differs."""
         plate = self.plate
-        height, width = plate.shape
         check_size(image_bgr, plate.shape, "image", "the clean plate")
         right_px, down_px = plate.anchors.shift_px(image_bgr)
-        image_bgr = next(shifted([image_bgr], (-right_px, -down_px)))
-        gains = plate.gauge.gains(image_bgr)
-        cv2.split(image_bgr, list(self.channels))
-        light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])
-        _compare(
-            self.channels, plate.mean, plate.whitening, gains, light, self.expected, self.deviation2,
-            self.change,
-        )  # fmt: skip
+        self.compare(next(shifted([image_bgr], (-right_px, -down_px))), light_varies=True)
         cv2.blur(self.change, (3, 3), dst=self.change)
         self.ratio[:], self.state[:] = 1.0, UNCHANGED
         changed = (self.change > LEAST_CHANGE).view(np.uint8)
@@ -92,6 +84,21 @@ class Comparison:
         _multiply(self.channels, self.expected, corner_px, products)
         around = np.stack([cv2.blur(plane, (_SQUARE_PX, _SQUARE_PX)) for plane in products])
         _judge(self.change, products, around, plate.turn_noise, corner_px, self.ratio, self.state)
+
+    def compare(self, image_bgr: Bytes, *, light_varies: bool) -> Levels:
+        """Write `expected`, `deviation2` and `change` by pixel; returns the picture's gains (3,)."""
+        plate = self.plate
+        height, width = plate.shape
+        gains = plate.gauge.gains(image_bgr)
+        cv2.split(image_bgr, list(self.channels))
+        light = np.ones(plate.shape, np.float32)
+        if light_varies:
+            light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])
+        _compare(
+            self.channels, plate.mean, plate.whitening, gains, light, self.expected, self.deviation2,
+            self.change,
+        )  # fmt: skip
+        return gains
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

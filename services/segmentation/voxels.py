@@ -13,7 +13,7 @@ import cv2
 import numba
 import numpy as np
 
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, nearest_to_rays_m
 from services.mocap.side_by_side import N_CORES, side_by_side
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
@@ -72,7 +72,8 @@ class VoxelGrid:
     @classmethod
     def of(cls, cameras: Sequence[Camera], lenses: Lenses, floor_m: float) -> "VoxelGrid":
         """The voxels of what most cameras look at, over a floor at a height."""
-        middle = _meeting_point(cameras)
+        axes = np.array([camera.R_camera_world[2] for camera in cameras])
+        middle = nearest_to_rays_m(np.array([camera.centre_world_m for camera in cameras]), axes)
         away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
         half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
         across = np.arange(-half_m, half_m + COARSE_M / 2, COARSE_M)
@@ -146,16 +147,6 @@ def _classify(by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, cla
             near = DEEP if deep[y, x] else near
             near = INSIDE if by_narrow[y, x] <= _INSIDE_MISSES else near
             classes[y, x] = near if covered[y, x] else ALONE
-
-
-def _meeting_point(cameras: Sequence[Camera]) -> Floats:
-    """The point (3,) in the world nearest to all cameras' optical axes."""
-    centres = np.array([camera.centre_world_m for camera in cameras])
-    axes = np.array([camera.R_camera_world[2] for camera in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    total = across.sum(axis=0) + 1e-6 * np.eye(3)
-    target = np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
-    return np.asarray(np.linalg.solve(total, target))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

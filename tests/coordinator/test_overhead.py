@@ -24,7 +24,7 @@ def test_talking_within_fitting_within_a_frame() -> None:
                 work(0.03)
             time.sleep(0.05)  # waiting takes no processor
         work(0.02)
-    assert overhead.of_frame() == pytest.approx(0.03, abs=0.005)
+    assert overhead.end_frame() == pytest.approx(0.03, abs=0.005)
     with overhead.fitting():
         work(0.01)
-    assert overhead.of_frame() < 0.005
+    assert overhead.end_frame() < 0.005

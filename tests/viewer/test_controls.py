@@ -26,6 +26,14 @@ def act(result: Path) -> Callable[[str], Controls]:
     return do
 
 
+@pytest.mark.parametrize(("source", "shown"), [("videos", "pictures"), ("silhouettes", "silhouettes")])
+def test_a_take_without_videos_has_no_pictures(
+    result: Path, small_take: Callable[..., Path], source: str, shown: str
+) -> None:
+    controls = Controls(queue.Queue(), finished_show(result, small_take(source=source, frames=24)))
+    assert controls.look.content == shown
+
+
 def test_transport(act: Callable[[str], Controls]) -> None:
     assert act('{"do": "seek", "frame": 7}').player.frame == 7
     assert act('{"do": "seek", "frame": 700}').player.frame == 23

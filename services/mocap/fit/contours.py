@@ -9,6 +9,7 @@ import numpy as np
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit
+from services.mocap.sampling import evenly
 from services.mocap.types import Floats, Ints, Longs, Mask, Singles
 
 BORDER_PX = 2.0
@@ -68,11 +69,6 @@ def look_up(mask: Mask, points_px: Floats) -> Mask:
     pixels = np.rint(points_px).astype(np.int64)
     on_mask: Mask = mask[pixels[..., 1].clip(0, height - 1), pixels[..., 0].clip(0, width - 1)]
     return on_mask
-
-
-def evenly(n_points: int, at_most: int) -> Ints:
-    """Indices of at most so many of some points, evenly spread."""
-    return np.rint(np.linspace(0, max(n_points - 1, 0), min(at_most, n_points))).astype(np.int32)
 
 
 def outline_length_px(n_points: int, scale: float) -> float:

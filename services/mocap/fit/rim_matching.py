@@ -12,11 +12,11 @@ from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import (
     TURN_PX,
     Contour,
-    evenly,
     nearest_facing,
     outline_length_px,
 )
 from services.mocap.fit.rim import PosedSurface, Rim
+from services.mocap.sampling import evenly
 from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Floats, Longs, Mask
 
