@@ -19,7 +19,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.segmenter_name import kind_of
 from services.mocap.types import Mask
-from services.mocap.verdict.verdict import Cause
+from services.mocap.verdict.verdict import Cause, Level
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
 from services.runs.take_silhouettes import TakeSilhouettes, trimaps_of
@@ -87,16 +87,7 @@ def look_before(silhouettes: TakeSilhouettes, frames: range, before: Comparison 
     Raises TakeError where it is certain that the take cannot be tracked.
     """
     with progress_bar() as show:
-        found = tuple(
-            Cause(
-                what=f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what,
-                remedy=mistake.remedy,
-                level="usable with gaps" if mistake.is_out_of_step else "good",
-            )
-            for mistake in _mistakes(
-                silhouettes, frames, before, lambda share: show("checking the take", share)
-            )
-        )
+        found = tuple(_causes(silhouettes, frames, before, lambda share: show("checking the take", share)))
         show("take checked", 1.0)
     warn(map(str, found))
     return found
@@ -137,20 +128,20 @@ def _compared(
     return Comparison(frames, cameras, outlines, found)
 
 
-def _mistakes(
+def _causes(
     silhouettes: TakeSilhouettes,
     frames: range,
     before: Comparison | None,
     progress: Callable[[float], None],
-) -> Iterator[Mistake]:
+) -> Iterator[Cause]:
     take = silhouettes.take
     if not silhouettes.has_stage:
         if kind_of(chosen_segmenter(take, silhouettes.name)).needs_plate:
-            yield Mistake(
-                f"{BACKGROUND}/",
-                "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
-                "will be wrong where the actor stays",
-                f"record the empty stage for a second into {BACKGROUND}/<camera>.mp4",
+            yield Cause(
+                what=f"{BACKGROUND}/: there is no picture of the empty stage; it is estimated from the "
+                "videos, and silhouettes will be wrong where the actor stays",
+                remedy=f"record the empty stage for a second into {BACKGROUND}/<camera>.mp4",
+                level="good",
             )
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:
@@ -158,20 +149,30 @@ def _mistakes(
     compared, first, moved = before, _first_of(silhouettes, frames), silhouettes.segmenter.moved()
     if compared is None or compared.frames != first or moved:
         compared = _compared(silhouettes, first, progress, moved)
-    yield from map(_mistake_of, silhouettes.remarks)
+    yield from map(_remark, silhouettes.remarks)
     # One camera alone is segmented less well than all together, but equally well in all frames.
-    yield from (m for m in compared.mistakes if silhouettes.are_ready or m.is_out_of_step or m.is_change)
+    yield from (
+        _cause_of(mistake)
+        for mistake in compared.mistakes
+        if silhouettes.are_ready or mistake.is_out_of_step or mistake.is_change
+    )
     if not any(mistake.is_change for mistake in compared.mistakes):
         some = [compared.frames[k] for k in evenly(len(compared.frames), _FRAMES_FOR_FEET)]
         segmenter = silhouettes.segmenter
         together = trimaps_of(take, some, segmenter, lambda _: None)
-        yield from silhouette_faults(compared.cameras, compared.outlines, together, segmenter.moved())
+        faults = silhouette_faults(compared.cameras, compared.outlines, together, segmenter.moved())
+        yield from map(_cause_of, faults)
 
 
-def _mistake_of(warning: str) -> Mistake:
-    """A warning of the segmentation, which ends in its remedy."""
+def _cause_of(mistake: Mistake) -> Cause:
+    level: Level = "usable with gaps" if mistake.is_out_of_step else "good"
+    return Cause(what=f"{mistake.file}: {mistake.what}", remedy=mistake.remedy, level=level)
+
+
+def _remark(warning: str) -> Cause:
+    """A warning of the segmentation, which may end in its remedy."""
     what, _, remedy = warning.rpartition(": ")
-    return Mistake("", what, remedy) if what else Mistake("", warning, "")
+    return Cause(what=what or warning, remedy=remedy if what else "", level="good")
 
 
 def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:
