@@ -29,7 +29,7 @@ from services.mocap.sampling import evenly
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Trimap
-from services.segmentation.cleanup import SPECK_AREA_PPM, drop_specks
+from services.segmentation.cleanup import SPECK_AREA_PPM, box_of, drop_specks
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.silhouettes import Segmenter
 
@@ -39,6 +39,8 @@ _SLOW_PX, _FAST_PX = 2.0, 8.0
 """Speeds, in working pixels a frame, below which nothing is smeared, and above which smears are measured."""
 _SETTLED_PX = 4.0
 """Up to this speed the edges' middle is found anyway."""
+_LEAST_CUT_PX, _LOOKED_AT_VERTICES = 3.0, 64
+"""Where no vertex of the body, one of so many looked at, moves faster in a picture, nothing is cut there."""
 _FEWEST = 300
 """Fast outline points, before the actor and behind, of which blur is measured."""
 _LEAST_BLUR = 0.04
@@ -99,7 +101,8 @@ def cut_motion_blur(
         log.warning("%s", _BLURRED)
         moments = segmenter.raw_moments(frames[0], frames[-1] + 1, with_pictures=False)
         for row, moment in enumerate(moments):
-            of_cameras = zip(moment.trimaps, moving.outlines(row, moment.trimaps), strict=True)
+            outlines = moving.outlines(row, moment.trimaps, least_px=_LEAST_CUT_PX)
+            of_cameras = zip(moment.trimaps, outlines, strict=True)
             kept.keep(frames[row], side_by_side(lambda pair: without_smear(*pair, blur), of_cameras))
             progress((row + 1) / len(frames))
     return blur
@@ -132,16 +135,21 @@ def without_smear(trimap: Trimap, outline: MovingOutline, blur: float) -> Trimap
     too_far_px = _ABSORBED * blur * scale * fast_px
     if not too_far_px.any():
         return trimap
-    actor = (trimap == ACTOR).view(np.uint8)
+    cut = trimap.copy()
+    box = box_of(trimap == ACTOR, 1)
+    if box is None:
+        return cut
+    was_actor = trimap[box] == ACTOR
+    actor = was_actor.astype(np.uint8)
     depths_px = cv2.distanceTransform(actor, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     ys, xs = np.nonzero((depths_px > 0) & (depths_px <= too_far_px.max() + 1))
     neighbours = list(range(1, min(_SMOOTHED_POINTS, len(too_far_px)) + 1))
-    distances_px, nearest = cKDTree(outline.points_px).query(np.stack([xs, ys], axis=1), neighbours)
+    pixels = np.stack([xs + box[1].start, ys + box[0].start], axis=1)
+    distances_px, nearest = cKDTree(outline.points_px).query(pixels, neighbours)
     smeared = distances_px[:, 0] < too_far_px[nearest].mean(axis=1)
     actor[ys[smeared], xs[smeared]] = 0
-    drop_specks(actor, SPECK_AREA_PPM * 1e-6 * actor.size)
-    cut = trimap.copy()
-    cut[(trimap == ACTOR) & (actor == 0)] = BACKGROUND
+    drop_specks(actor, SPECK_AREA_PPM * 1e-6 * trimap.size)
+    cut[box][was_actor & (actor == 0)] = BACKGROUND
     return cut
 
 
@@ -152,14 +160,27 @@ class _MovingBody:
         self._cameras, self._rig, self._last = cameras, Rig.of(cameras), len(poses) - 1
         self._surface = lru_cache(maxsize=3)(lambda row: PosedSurface.of(body, poses[row]))
 
-    def outlines(self, row: int, trimaps: list[Trimap]) -> list[MovingOutline]:
-        """Those of raw trimaps (h, w) of the cameras, in the frame of a row; unsure pixels have none."""
+    def outlines(self, row: int, trimaps: list[Trimap], least_px: float = 0.0) -> list[MovingOutline]:
+        """Those of raw trimaps (h, w) of the cameras, in the frame of a row; unsure pixels have none.
+
+        least_px: where the whole body moves by fewer working pixels a frame, they are empty.
+        """
         here = self._surface(row)
         earlier, later = self._surface(max(row - 1, 0)), self._surface(min(row + 1, self._last))
         is_end = row in {0, self._last}
+        some = [surface.vertices_world_m[::_LOOKED_AT_VERTICES] for surface in (earlier, here, later)]
+
+        def fastest_px(c: int) -> float:
+            """How far a vertex is at least from where it was before, or will be after."""
+            before_px, now_px, after_px = map(self._cameras[c].project_px, some)
+            steps_px = np.linalg.norm(np.stack([now_px - before_px, after_px - now_px]), axis=-1)
+            apart_px = steps_px.max(axis=0) if is_end else steps_px.min(axis=0)
+            return float(apart_px.max() / self._rig.scales[c])
 
         def outline(c: int) -> MovingOutline:
             camera, scale = self._cameras[c], float(self._rig.scales[c])
+            if fastest_px(c) < least_px:
+                return MovingOutline(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
             contour = Contour.of(trimaps[c] == ACTOR, scale, 0, trimaps[c] == UNSURE)
             points_px, normals, rim = contour.points_px, contour.normals, here.rim(self._rig, c)
             if len(points_px) == 0 or len(rim.edges) == 0:
