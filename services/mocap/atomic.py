@@ -1,5 +1,6 @@
 """Files and folders that appear completely or not at all: written under a temporary name, then renamed."""
 
+import errno
 import os
 import secrets
 import shutil
@@ -8,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from services.mocap.errors import UserError
+
+_OF_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO}
 
 
 def _sibling(target: Path) -> Path:
@@ -29,6 +32,20 @@ def make_folder(folder: Path) -> None:
 
 
 @contextmanager
+def disk_errors_of(target: Path) -> Iterator[None]:
+    """Turn errors of a disk that is full, or fails, into UserError; target: what is written."""
+    try:
+        yield
+    except OSError as problem:
+        is_copy = isinstance(problem, shutil.Error)  # of several files, without a number
+        if not is_copy and problem.errno not in _OF_DISK:
+            raise
+        reason = "files could not be copied" if is_copy else problem.strerror
+        remedy = "free some disk space, or choose another folder"
+        raise UserError(f"{target}: cannot be written ({reason}): {remedy}") from None
+
+
+@contextmanager
 def atomic_file(target: Path) -> Iterator[Path]:
     """Write to the path it yields; `target` is replaced by that file when the block ends well.
 
@@ -37,8 +54,9 @@ def atomic_file(target: Path) -> Iterator[Path]:
     make_folder(target.parent)
     part = _sibling(target)
     try:
-        yield part
-        part.replace(target)
+        with disk_errors_of(target):
+            yield part
+            part.replace(target)
     finally:
         part.unlink(missing_ok=True)
 
@@ -61,8 +79,9 @@ def atomic_folder(target: Path) -> Iterator[Path]:
     make_folder(target.parent)
     part = _sibling(target)
     try:
-        part.mkdir()
-        yield part
-        part.replace(target)  # an empty folder may be replaced, a filled one raises
+        with disk_errors_of(target):
+            part.mkdir()
+            yield part
+            part.replace(target)  # an empty folder may be replaced, a filled one raises
     finally:
         shutil.rmtree(part, ignore_errors=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from services.mocap.atomic import atomic_folder
 from services.mocap.export.formats import write_defaults
 from services.mocap.result.layout import CORRECTED_FRAMES, LOGS, partial_of
 from services.mocap.result.result import edited_run, load_result
@@ -108,6 +109,7 @@ def _completed(folder: Path, job: TakeJob) -> dict[str, Any]:
         is_its_fit = "fit" in report
     if is_its_fit and job.fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
-        shutil.copytree(job.fitted, folder / FIT_FOLDER)
-        (folder / FIT_FOLDER).chmod(folder.stat().st_mode)  # a temporary folder is closed to others
+        with atomic_folder(folder / FIT_FOLDER) as part:
+            shutil.copytree(job.fitted, part, dirs_exist_ok=True)
+            part.chmod(folder.stat().st_mode)  # a temporary folder is closed to others
     return report

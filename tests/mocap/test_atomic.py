@@ -1,3 +1,6 @@
+import shutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -25,6 +28,22 @@ def test_an_exception_leaves_the_older_file_and_nothing_else(tmp_path: Path) -> 
         raise KeyboardInterrupt
     assert target.read_text() == "older"
     assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("atomic", [atomic_file, atomic_folder])
+def test_a_full_disk_is_one_sentence(
+    tmp_path: Path, atomic: Callable[[Path], AbstractContextManager[Path]]
+) -> None:
+    target, remedy = tmp_path / "results", "free some disk space, or choose another folder"
+    with pytest.raises(UserError) as refused, atomic(target):
+        Path("/dev/full").write_text("too much")
+    assert str(refused.value) == f"{target}: cannot be written (No space left on device): {remedy}"
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(UserError) as refused, atomic(target):
+        raise shutil.Error([("one", "other", "[Errno 28] No space left on device")])
+    assert str(refused.value) == f"{target}: cannot be written (files could not be copied): {remedy}"
+    with pytest.raises(FileNotFoundError), atomic(target):
+        (tmp_path / "nothing").read_text()
 
 
 def test_a_folder_appears_whole_when_the_block_ends(tmp_path: Path) -> None:

@@ -180,5 +180,7 @@ class _BodyAdjustment:
         by_motion = by_pose[:, :TWIST_SIZE] @ np.linalg.pinv(twists[:TWIST_SIZE].T)
         camera = np.repeat(np.arange(len(views)), [len(view.edges) for view in views])
         is_its = camera[:, None] == np.arange(len(views))
-        of_cameras = (is_its[:, :, None] * by_motion[:, None, :]).reshape(len(by_pose), -1)
+        of_cameras = (is_its[:, :, None] * by_motion[:, None, :]).reshape(
+            len(by_pose), TWIST_SIZE * len(views)
+        )
         return np.hstack([by_pose, of_cameras])

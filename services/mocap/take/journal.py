@@ -19,6 +19,7 @@ from pathlib import Path
 
 import msgpack
 
+from services.mocap.atomic import disk_errors_of
 from services.mocap.errors import TakeError, UserError
 
 JOURNAL = "poses.journal"
@@ -96,7 +97,8 @@ class Journal:
     def sync(self) -> None:
         """Return when everything written would survive a loss of power."""
         if not self._is_synced:
-            os.fsync(self._file)
+            with disk_errors_of(self.path):
+                os.fsync(self._file)
             self._is_synced = True
 
     def clear(self) -> None:

@@ -76,3 +76,10 @@ def test_cameras_that_stand_where_they_did_are_held(poses: Floats, seen: TriPlan
     assert refined.held.all()
     assert refined.cameras == cameras
     assert not refined.is_better
+
+
+def test_a_frame_that_shows_nobody_tells_nothing(poses: Floats, seen: TriPlanes) -> None:
+    silhouettes = seen.silhouettes.copy()
+    silhouettes[4] = 0
+    cameras = tuple(studio_cameras(6))
+    assert refine_cameras(cameras, TriPlanes.sure(silhouettes), _ACTOR, poses).cameras == cameras
