@@ -13,7 +13,7 @@ from services.mocap.calibration.mistake import Mistake
 from services.mocap.calibration.mistakes import mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import TakeError
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.sampling import evenly
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
@@ -183,9 +183,12 @@ def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> Take
 
 @contextmanager
 def blamed_first(checks: Sequence[Cause]) -> Iterator[None]:
-    """Make a TakeError of the block tell first what the checks have found, as the likelier cause."""
+    """Make a TakeError of the block, unless its reason is certain, tell first what the checks have found, as
+    the likelier cause."""
     try:
         yield
+    except CertainError:
+        raise
     except TakeError as problem:
         if not checks:
             raise

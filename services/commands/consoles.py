@@ -21,7 +21,8 @@ _WHOLE_LINES = 10_000
 
 def _console(*, is_stderr: bool) -> Console:
     is_terminal = (sys.stderr if is_stderr else sys.stdout).isatty()
-    return Console(stderr=is_stderr, highlight=False, width=None if is_terminal else _WHOLE_LINES)
+    width = None if is_terminal else _WHOLE_LINES
+    return Console(stderr=is_stderr, highlight=False, emoji=False, width=width)
 
 
 stdout, stderr = _console(is_stderr=False), _console(is_stderr=True)

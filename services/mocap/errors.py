@@ -42,6 +42,10 @@ class NotInViewError(TakeError):
     """Nobody is in view in a frame, or nobody as a whole."""
 
 
+class CertainError(TakeError):
+    """A take cannot be used for a reason that nothing else about it explains."""
+
+
 class CalibrationError(TakeError):
     """A calibration file cannot be used."""
 

@@ -9,8 +9,12 @@ from typer.testing import CliRunner
 
 from services import cli
 from services.commands import fitted_runs, live, track
+from services.commands.checks import blamed_first
+from services.commands.consoles import say
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.result.words import ENERGY_IN_WORDS
 from services.mocap.synth.take import write_synthetic_take
+from services.mocap.verdict.verdict import Cause
 from services.runs.progress import Progress
 from services.runs.track import TakeJob
 
@@ -48,3 +52,20 @@ def test_a_live_run_says_its_rate_in_the_same_words(
     live._summarise(report, tmp_path, None)
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "tracked at 15.0 frames per second" in rows
+
+
+def test_checks_are_blamed_before_an_error_unless_its_reason_is_certain() -> None:
+    check = Cause(what="background/: is missing", remedy="record it", level="good")
+    with pytest.raises(TakeError) as refused, blamed_first([check]):
+        raise TakeError("silhouettes: nobody is visible")
+    assert str(refused.value) == f"{check}; this led to: silhouettes: nobody is visible"
+    with pytest.raises(CertainError) as refused, blamed_first([check]):
+        raise CertainError("silhouettes: are white")
+    assert str(refused.value) == "silhouettes: are white"
+    with pytest.raises(TakeError, match="^nobody$"), blamed_first([]):
+        raise TakeError("nobody")
+
+
+def test_paths_with_colons_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    say("vids :x:/cam01.mp4: expected --frames 0:100:")
+    assert capsys.readouterr().out == "vids :x:/cam01.mp4: expected --frames 0:100:\n"

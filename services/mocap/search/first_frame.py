@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
-from services.mocap.errors import TakeError
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -192,7 +192,9 @@ def _plausible_height_m(hull: Hull) -> float:
     if hull.lies(DEFAULT_HEIGHT_M):
         log.warning(_LIES, hull.height_m, DEFAULT_HEIGHT_M)
         return DEFAULT_HEIGHT_M
-    raise TakeError(
+    # What is unsure, or not seen, makes a hull smaller, never larger.
+    raised = CertainError if hull.height_m > high_m else TakeError
+    raise raised(
         f"calibration.toml: what cameras see of the actor in the first frame is {hull.height_m:.2f} m high: "
         "check that translations are in metres, or give actor_height in take.toml"
     )

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.errors import NotInViewError, TakeError
+from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
@@ -150,7 +150,7 @@ def _check_counts(
             f"all unsure: choose a first frame in which the actor is surely to be seen, or {REMEDY}"
         )
     if full and len(full) >= len(empty):
-        raise TakeError(
+        raise CertainError(
             f"silhouettes: {len(full)} of {n_cameras} cameras are white nearly all over in the first frame: "
             "expected the actor white on black: check the background, or invert the pictures"
         )

@@ -11,7 +11,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
-from services.mocap.errors import TakeError
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.types import Floats, Mask
 
 UNTOLD = "cannot be told from the background"
@@ -100,8 +100,10 @@ class UnsureShares:
 
     @contextmanager
     def blamed_first(self) -> Iterator[None]:
-        """Make a TakeError of the block mention unsure areas first."""
+        """Make a TakeError of the block mention unsure areas first, unless its reason is certain."""
         try:
             yield
+        except CertainError:
+            raise
         except TakeError as problem:
             raise type(problem)(self.before(str(problem))) from None

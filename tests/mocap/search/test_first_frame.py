@@ -14,7 +14,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.errors import TakeError
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.first_frame import FirstFrameSearch
 from services.mocap.search.hull import Hull, carve
@@ -163,6 +163,13 @@ def test_a_small_world_is_refused() -> None:
     picture = Picture.of_frame(RIG, _seen())
     with pytest.raises(TakeError, match=r"is 0\.5\d m high: check that translations are in metres"):
         _search(_hints()).guess(shrunk, picture, None)
+
+
+def test_a_world_in_feet_is_refused_for_certain() -> None:
+    hull = carve(RIG, unpack(_silhouettes(_pose()), RIG.n_cameras))
+    grown = Hull(3.28 * hull.points_world_m, hull.firm)
+    with pytest.raises(CertainError, match=r"is 5\.\d\d m high: check that translations are in metres"):
+        _search(_hints()).guess(grown, Picture.of_frame(RIG, _seen()), None)
 
 
 def test_an_empty_stage_is_said() -> None:

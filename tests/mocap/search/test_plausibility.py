@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.errors import TakeError
+from services.mocap.errors import CertainError, TakeError
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import FirstLook, look_first
 from services.mocap.types import Bytes, Floats, Mask
@@ -244,7 +244,7 @@ def test_nobody_and_inverted_are_told_apart(model: Model, masks: Masks) -> None:
     seen = masks(**A_POSE)
     with pytest.raises(TakeError, match=r"^silhouettes: nobody is visible .* choose a first frame"):
         look_first(model.rig, np.zeros_like(seen))
-    with pytest.raises(TakeError, match=r"^silhouettes: 8 of 8 cameras are white nearly .* invert"):
+    with pytest.raises(CertainError, match=r"^silhouettes: 8 of 8 cameras are white nearly .* invert"):
         look_first(model.rig, ~seen)
     seen[1:] = False
     with pytest.raises(TakeError, match=r"^silhouettes: only 1 of 8 cameras show a person"):
