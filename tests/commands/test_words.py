@@ -62,7 +62,7 @@ def test_checks_are_blamed_before_an_error_unless_its_reason_is_certain() -> Non
     with pytest.raises(CertainError) as refused, blamed_first([check]):
         raise CertainError("silhouettes: are white")
     assert str(refused.value) == "silhouettes: are white"
-    with pytest.raises(TakeError, match="^nobody$"), blamed_first([]):
+    with pytest.raises(TakeError, match=r"^nobody$"), blamed_first([]):
         raise TakeError("nobody")
 
 
