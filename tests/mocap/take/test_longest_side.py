@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from rotation_tag import tag_a_quarter_turn
+from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import resized_trimap
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import LONGEST_SIDE, read_take_file
@@ -49,6 +51,22 @@ def test_pictures_and_plates_have_the_reduced_camera_s_size(small_take: SmallTak
             # readers disagree by half a pixel of the file on where its colours are
             np.testing.assert_allclose(_ball_px(bgr), _ball_px(expected), atol=0.26)
     assert [plate.shape for plate in reduced.background(camera)] == [(24, 32, 3)] * 2
+
+
+@pytest.mark.parametrize(
+    ("widths_px", "expected_px"),
+    [([320, 640, 320], [320, 640, 320]), ([1280, 320, 320], [640, 320, 320]),
+     ([160, 960, 960, 960], [160, 960, 960, 960]), ([320, 1280, 1280, 320], [320, 640, 640, 320])],
+)  # fmt: skip
+def test_few_large_cameras_do_not_outvote_the_others(
+    small_take: SmallTake,
+    small_cameras: Callable[[int], list[Camera]],
+    widths_px: list[int],
+    expected_px: list[int],
+) -> None:
+    take = open_take(small_take(n_cameras=1))
+    cameras = [small_cameras(1)[0].resized(width, width * 3 // 4) for width in widths_px]
+    assert [camera.width_px for camera in replace(take, calibrated=tuple(cameras)).cameras] == expected_px
 
 
 def test_a_plate_that_is_a_picture_is_reduced(small_take: SmallTake) -> None:
