@@ -243,10 +243,13 @@ def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
         return
     together = _long_only(2 * np.sum(list(by_frame.values()), axis=0) > len(by_frame))
     if together.any():
+        # More than half of the cameras cannot be below their medians in every frame: some frames are left.
+        start, last = max(spans_of(~together, int(result.frames[0])), key=lambda span: span[1] - span[0])
         yield Cause(
             what=f"most cameras' silhouettes stop matching the body in {_when(result, together)}: "
             f"{_what_changed(result, iou, together)}",
-            remedy="look at these frames in overlay.mp4; --frames A:B tracks the part before",
+            remedy="look at these frames in overlay.mp4; the longest part without them is tracked with "
+            f"--frames {start}:{last + 1}",
             level="usable with gaps",
         )
     for camera in (camera for camera in cameras if camera not in explained):

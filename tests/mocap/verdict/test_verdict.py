@@ -202,6 +202,20 @@ def test_moments_that_stand_out_in_most_cameras_are_one_cause(
     assert f"stop matching the body in frames 109 to 115: {said}" in causes[0].what
 
 
+@pytest.mark.parametrize(
+    ("low", "part"),
+    [([*range(4)], "104:116"), ([*range(9, 16)], "100:109"), ([0, 1, 2, 13, 14, 15], "103:113")],
+    ids=["at the beginning", "at the end", "at both ends"],
+)
+def test_the_part_to_track_is_one_without_the_moments_that_stand_out(
+    folder: Path, low: list[int], part: str
+) -> None:
+    overlap = np.full(16, 0.9)
+    overlap[low] = 0.6
+    (cause,) = judged(folder, dict.fromkeys(CAMERAS[:3], overlap)).causes
+    assert cause.remedy.endswith(f"the longest part without them is tracked with --frames {part}")
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("empty", "said"),
