@@ -54,7 +54,7 @@ def new(
     if cameras:
         found = match_by_name([camera.name for camera in cameras], files)
     else:
-        found = {path.stem: path for path in files}
+        found = {layout.nfc(path.stem): path for path in files}
         if len(found) < len(files):
             raise UserError(f"{folder}: two videos have one name: expected a different name for each camera")
     missing = [camera.name for camera in cameras if camera.name not in found]

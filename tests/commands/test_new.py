@@ -65,6 +65,13 @@ def test_the_empty_stage_is_copied_into_the_take_under_the_cameras_names(shoot: 
     assert len(list((tmp_path / "take/background").iterdir())) == 2
 
 
+def test_cameras_without_a_calibration_are_named_as_they_would_be_typed(shoot: Path, tmp_path: Path) -> None:
+    """macOS takes ü apart in file names."""
+    (shoot / "walk7-Camera1.mp4").rename(shoot / "Su\u0308d.mp4")
+    run(tmp_path / "take", shoot)
+    assert list(read_take_file(tmp_path / "take/take.toml").videos) == ["S\u00fcd", "walk7-Camera2"]
+
+
 def test_an_empty_stage_of_another_size_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
     empty = tmp_path / "room"
     empty.mkdir()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from services.mocap.errors import CalibrationError
+from services.mocap.take.layout import nfc
 from services.mocap.take.pictures import read_picture
 from services.mocap.take.recordings import VIDEO_SUFFIXES
 from services.mocap.take.video import VideoReader
@@ -86,6 +87,7 @@ def find_clips(folder: Path) -> list[Clip]:
             camera, is_clip = path.name, any(file.suffix.lower() in _PICTURES for file in path.iterdir())
         else:
             camera, is_clip = path.stem, path.suffix.lower() in (*VIDEO_SUFFIXES, *_PICTURES)
+        camera = nfc(camera)
         if is_clip and camera in clips:
             raise CalibrationError(
                 f"{path}: is a second clip of {camera} beside {clips[camera].path.name}: keep one of them"

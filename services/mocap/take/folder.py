@@ -6,6 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import tomli_w
+
 from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
@@ -282,5 +284,5 @@ def _or_stated(camera: str, free: list[str]) -> str:
         return ""
     return (
         f"; {', '.join(free)} can be given to cameras by a table [videos] in {layout.SETTINGS}, such as "
-        f'{camera} = "videos/{free[0]}"'
+        f"{tomli_w.dumps({camera: f'{layout.VIDEOS}/{free[0]}'}).strip()}"
     )

@@ -1,5 +1,6 @@
 """The file names in a take folder, for readers and writers."""
 
+import unicodedata
 from pathlib import Path
 
 SETTINGS = "take.toml"
@@ -8,6 +9,18 @@ COLOURS = "colour.toml"
 ACTOR = "actor.toml"
 VIDEOS, BACKGROUND, SILHOUETTES = "videos", "background", "silhouettes"
 REFERENCE_JOINTS_CSV = "reference/joints.csv"
+
+
+def nfc(name: str) -> str:
+    """A name for comparing: macOS and some archives write ü as u and dots, which looks the same."""
+    return unicodedata.normalize("NFC", name)
+
+
+def as_spelt(path: Path) -> Path:
+    """The path, or that of the file or folder there whose name differs from it only in what `nfc` removes."""
+    if path.exists() or not path.parent.is_dir():
+        return path
+    return next((other for other in path.parent.iterdir() if nfc(other.name) == nfc(path.name)), path)
 
 
 def video_path(take_folder: Path, camera: str) -> Path:
@@ -22,12 +35,12 @@ def background_video_path(take_folder: Path, camera: str) -> Path:
 
 def colour_picture_path(take_folder: Path, camera: str) -> Path:
     """The camera's picture of a colour chart."""
-    return take_folder / "colour" / f"{camera}.png"
+    return as_spelt(take_folder / "colour" / f"{camera}.png")
 
 
 def silhouette_folder(take_folder: Path, camera: str) -> Path:
     """The folder of the camera's silhouettes."""
-    return take_folder / SILHOUETTES / camera
+    return as_spelt(take_folder / SILHOUETTES / camera)
 
 
 def silhouette_path(folder: Path, frame: int) -> Path:

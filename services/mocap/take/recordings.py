@@ -12,7 +12,7 @@ VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".webm", ".wmv",
     ".mxf", ".flv", ".3gp",
 )  # fmt: skip
-_WORDS = (r"[a-z]+|\d+", r"[a-z]+\d+")
+_WORDS = (r"[^\W\d_]+|\d+", r"[^\W\d_]+\d+")
 """Words and numbers; and words with a number, which tell `walk1_cam1` from `walk1_cam2`."""
 
 
@@ -30,7 +30,7 @@ def find_videos(folder: Path, cameras: Sequence[str], stated: Mapping[str, str])
     stated: paths from the take folder. Raises TakeError if one is missing or of no camera.
     """
     check_names(folder, "videos", stated, cameras)
-    found = {camera: folder / name for camera, name in stated.items()}
+    found = {camera: layout.as_spelt(folder / name) for camera, name in stated.items()}
     for camera, path in found.items():
         if not path.is_file():
             raise TakeError(
@@ -75,7 +75,8 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     are case and leading zeros. A file is matched if its remaining words hold those of just one camera, or
     the other way round, and no other file is. The result is in the cameras' order.
     """
-    exact = {camera: path for path in reversed(files) for camera in cameras if path.stem == camera}
+    by_name = {layout.nfc(path.stem): path for path in reversed(files)}
+    exact = {camera: by_name[layout.nfc(camera)] for camera in cameras if layout.nfc(camera) in by_name}
     other_cameras = [camera for camera in cameras if camera not in exact]
     other_files = [path for path in files if path not in exact.values()]
     stems = [path.stem for path in other_files]
@@ -97,7 +98,8 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
 
 def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:
     """The words of each name that not all names have; all, of a single name."""
-    plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name.lower()) for name in names]  # without leading zeros
+    spelt_alike = (layout.nfc(name).lower() for name in names)
+    plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name) for name in spelt_alike]  # without leading zeros
     each = [frozenset(re.findall(pattern, name)) for name in plain]
     shared = frozenset.intersection(*each) if len(each) > 1 else frozenset()
     return [words - shared for words in each]

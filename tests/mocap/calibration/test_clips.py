@@ -14,3 +14,9 @@ def test_a_clip_is_any_video_that_a_take_may_have(tmp_path: Path, suffix: str) -
     (tmp_path / "notes.txt").touch()
     (clip,) = find_clips(tmp_path)
     assert (clip.camera, clip.is_video) == ("cam1", True)
+
+
+def test_a_camera_is_named_as_it_would_be_typed(tmp_path: Path) -> None:
+    """macOS takes ü apart in file names."""
+    (tmp_path / "Su\u0308d.mp4").touch()
+    assert [clip.camera for clip in find_clips(tmp_path)] == ["S\u00fcd"]

@@ -41,6 +41,8 @@ Refusal: TypeAlias = Callable[[Path], str]
         (["cam1", "cam2", "cam3"], ["cam1", "cam3a", "cam3b"], {"cam1": "cam1"}),  # which is the third's?
         (["cam1", "cam2"], ["a", "b"], {}),
         (["cam1", "cam12"], ["take_12", "take_1"], {"cam1": "take_1", "cam12": "take_12"}),
+        (["für", "fár"], ["fár_a", "für_a"], {"für": "für_a", "fár": "fár_a"}),
+        (["левая", "правая"], ["бег-Правая", "бег-Левая"], {"левая": "бег-Левая", "правая": "бег-Правая"}),
     ],
 )
 def test_files_are_matched_to_cameras_by_what_tells_them_apart(
@@ -48,6 +50,43 @@ def test_files_are_matched_to_cameras_by_what_tells_them_apart(
 ) -> None:
     found = match_by_name(cameras, [Path(f"{stem}.mov") for stem in stems])
     assert [(camera, path.stem) for camera, path in found.items()] == list(matched.items())
+
+
+SOUTH, SOUTH_OF_MACOS = "S\u00fcd", "Su\u0308d"
+
+
+def named(folder: Path, camera: str) -> Path:
+    """Give cam01 of a take this name in its calibration."""
+    path = folder / "calibration.toml"
+    path.write_text(path.read_text().replace('name = "cam01"', f'name = "{camera}"'))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("camera", "file"), [(SOUTH, SOUTH_OF_MACOS), (SOUTH_OF_MACOS, SOUTH)], ids=["file", "camera"]
+)
+def test_names_that_look_the_same_are_the_same(small_take: SmallTake, camera: str, file: str) -> None:
+    """macOS takes ü apart in file names."""
+    folder = named(small_take("videos"), camera)
+    for part in ("videos", "background"):
+        (folder / part / "cam01.mp4").rename(folder / part / f"{file}.mp4")
+    take = open_take(folder)
+    assert take.videos[camera].name == take.plates[camera].name == f"{file}.mp4"
+    assert take.remarks == ()
+    (folder / f"videos/{file}.mp4").rename(folder / f"videos/{file}-1.mp4")
+    with (folder / "take.toml").open("a") as text:
+        text.write(f'\n[videos]\n"{camera}" = "videos/{camera}-1.mp4"\n')
+    assert open_take(folder).videos[camera].name == f"{file}-1.mp4"
+    folder = named(small_take("silhouettes", source="silhouettes"), camera)
+    (folder / "silhouettes/cam01").rename(folder / "silhouettes" / file)
+    take = open_take(folder)
+    assert len(list(take.trimaps(take.cameras[0]))) == 4
+
+
+def test_a_camera_whose_name_toml_needs_in_quotes(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = named(small_take(), SOUTH)
+    (folder / "videos/cam01.mp4").rename(folder / "videos/b.mp4")
+    assert refusal(folder).endswith('[videos] in take.toml, such as "Süd" = "videos/b.mp4"')
 
 
 def convert(source: Path, target: Path, codec: str) -> None:
