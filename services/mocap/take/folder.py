@@ -182,7 +182,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     take = Take(folder, settings, cameras, source, colours, videos, plates)
     for camera in cameras:
         if source == "silhouettes":
-            _check_silhouettes(take, camera)
+            _check_silhouettes(take, camera, said.frames)
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
     cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
@@ -234,7 +234,8 @@ def _completed(
     return validated(TakeSettings, said.model_dump() | known, f"{path}: ", TakeError)
 
 
-def _check_silhouettes(take: Take, camera: Camera) -> None:
+def _check_silhouettes(take: Take, camera: Camera, stated: int | None) -> None:
+    """Raise TakeError if a silhouette is missing or damaged; stated: the frames that take.toml states."""
     folder = layout.silhouette_folder(take.folder, camera.name)
     if not folder.is_dir():
         raise TakeError(
@@ -242,16 +243,26 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
             f"{layout.SILHOUETTES} at all"
         )
     ahead = take.settings.offset(camera.name)
-    begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
     for frame in range(ahead, ahead + take.settings.frames):
         path = layout.silhouette_path(folder, frame)
         if not path.exists():
-            raise TakeError(
-                f"{path}: is missing: expected a silhouette for each of the frames = {take.settings.frames} "
-                f"of {layout.SETTINGS}{begin}"
-            )
+            expected = _silhouettes_expected(folder, ahead, stated)
+            raise TakeError(f"{path}: is missing: expected a silhouette for {expected}")
         check_png(path, camera)
     read_trimap(layout.silhouette_path(folder, ahead), take.settings.unsure)
+
+
+def _silhouettes_expected(folder: Path, ahead: int, stated: int | None) -> str:
+    """The frames of which there should be a silhouette, and what files of other names should be named."""
+    begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
+    files, first = files_of(folder, (".png",)), layout.silhouette_path(folder, 0)
+    if not files or files[0] != first:
+        there = f"the first file there is {files[0].name}" if files else "there is no PNG picture"
+        following = layout.silhouette_path(folder, 1).name
+        return f"each frame{begin}, named {first.name}, {following} and so on, but {there}"
+    if stated is None:
+        return f"each frame{begin} up to that of {files[-1].name}"
+    return f"each of the frames = {stated} of {layout.SETTINGS}{begin}"
 
 
 def _check_is_recorded(

@@ -40,6 +40,11 @@ def _no_png(path: Path) -> None:
     path.write_bytes(b"GIF89a")
 
 
+def _leave_frames_to_the_files(folder: Path) -> None:
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text().replace("frames = 4\n", ""))
+
+
 @pytest.mark.parametrize(
     ("spoil", "frame", "expected"),
     [
@@ -70,6 +75,47 @@ def test_a_camera_without_silhouettes_among_others(small_take: SmallTake, refusa
     folder = small_take(source="silhouettes")
     shutil.rmtree(folder / "silhouettes/cam02")
     assert refusal(folder).startswith("silhouettes/cam02: is missing: expected the silhouettes of cam02")
+
+
+@pytest.mark.parametrize(
+    ("name", "there"),
+    [
+        ("{:04d}.png", "the first file there is 0000.png"),
+        ("{:06d}.PNG", "the first file there is 000000.PNG"),
+        ("{:06d}.jpg", "there is no PNG picture"),
+    ],
+)
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_silhouettes_that_are_named_in_another_way(
+    small_take: SmallTake, refusal: Refusal, name: str, there: str, is_stated: bool
+) -> None:
+    folder = small_take(source="silhouettes")
+    for frame, path in enumerate(sorted((folder / "silhouettes/cam02").iterdir())):
+        path.rename(path.with_name(name.format(frame)))
+    if not is_stated:
+        _leave_frames_to_the_files(folder)
+    assert refusal(folder) == (
+        "silhouettes/cam02/000000.png: is missing: expected a silhouette for each frame, named 000000.png, "
+        f"000001.png and so on, but {there}"
+    )
+
+
+def test_silhouettes_that_are_numbered_from_1(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(source="silhouettes")
+    (folder / "silhouettes/cam01/000000.png").rename(folder / "silhouettes/cam01/000004.png")
+    assert refusal(folder).endswith("and so on, but the first file there is 000001.png")
+
+
+def test_a_gap_in_silhouettes_where_no_number_of_frames_is_stated(
+    small_take: SmallTake, refusal: Refusal
+) -> None:
+    folder = small_take(source="silhouettes")
+    (folder / "silhouettes/cam02/000002.png").unlink()
+    _leave_frames_to_the_files(folder)
+    assert refusal(folder) == (
+        "silhouettes/cam02/000002.png: is missing: expected a silhouette for each frame up to that of "
+        "000003.png"
+    )
 
 
 def test_an_empty_clean_plate_picture(small_take: SmallTake, refusal: Refusal) -> None:
