@@ -16,10 +16,10 @@ from services.commands.consoles import ResultFolder, say, stderr
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
-from services.mocap.result.result import Result, load_result
+from services.mocap.result.result import Result, load_result, open_take_of
 from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.fit_record import FIT_FOLDER, read_learnt, record_of
-from services.mocap.take.folder import Take, open_take
+from services.mocap.take.folder import Take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
 from services.mocap.verdict.verdict import Level
@@ -170,4 +170,4 @@ def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
         return None, "These are results of live cameras: give --take, their recording, to see what they saw."
     if take is None and not folder.is_dir():
         return None, f"The take is not at {folder} any more: give --take to see its cameras."
-    return open_take(folder), ""
+    return open_take_of(result, folder), ""

@@ -24,7 +24,7 @@ from services.mocap.errors import UserError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
-from services.mocap.result.result import Result, load_result
+from services.mocap.result.result import Result, check_take, load_result
 from services.mocap.sampling import evenly
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model, model_on_cpu
@@ -223,9 +223,7 @@ class _ColourLesson:
 def result_of(take: Take, folder: Path) -> Result:
     """A result of a take; raises UserError if it belongs to another take."""
     found = load_result(folder)
-    name = found.run.get("take", {}).get("name", take.settings.name)
-    if name != take.settings.name:
-        raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
+    check_take(found, take, f"--refine {found.folder}")
     if found.frames[-1] >= take.settings.frames:
         raise UserError(
             f"--refine {found.folder}: has frame {found.frames[-1]}, but {take.folder} only "

@@ -109,6 +109,17 @@ def test_the_overlay_needs_the_take(folder: Path, small_take, tmp_path: Path) ->
     assert (tmp_path / "out" / "overlay.mp4").stat().st_size > 1000
 
 
+def test_the_overlay_is_of_the_take_that_was_tracked(folder: Path, small_take, tmp_path: Path) -> None:
+    other = small_take("other", frames=116, source="silhouettes")
+    (folder / "run.json").write_text(json.dumps({"take": {"name": "walk", "folder": str(other)}}))
+    for words in ([], ["--take", other]):  # another take may lie where the one that was tracked did
+        assert refusal(folder, "--to", "overlay", *words) == (
+            f"{folder}: is of 'walk', not of 'other' in {other}: expected the take that was tracked"
+        )
+    (folder / "run.json").write_text(json.dumps({"live": {}, "take": {"name": "walk"}}))
+    export(folder, "--to", "overlay", "--take", other, "--out", tmp_path / "out")  # named like its folder
+
+
 def test_what_cannot_be(folder: Path, tmp_path: Path) -> None:
     assert refusal(folder, "--to", "bhv") == "--to 'bhv': unknown format: did you mean bvh"
     (tmp_path / "file").touch()

@@ -30,7 +30,7 @@ def act(result: Path) -> Callable[[str], Controls]:
 def test_a_take_without_videos_has_no_pictures(
     result: Path, small_take: Callable[..., Path], source: str, shown: str
 ) -> None:
-    controls = Controls(queue.Queue(), finished_show(result, small_take(source=source, frames=24)))
+    controls = Controls(queue.Queue(), finished_show(result, small_take("walk", source=source, frames=24)))
     assert controls.look.content == shown
 
 

@@ -48,6 +48,12 @@ def test_results_without_their_take_show_the_body_and_say_what_is_missing(result
     assert show.fps == pytest.approx(15)
 
 
+def test_results_of_another_take_are_refused(result: Path, walk: Take) -> None:
+    (result / "run.json").write_text('{"take": {"name": "dance"}}')
+    with pytest.raises(UserError, match="is of 'dance', not of 'walk' in "):
+        finished_show(result, walk.folder)
+
+
 def test_live_results_ask_for_their_recording_and_show_the_pictures_of_its_shots(
     result: Path, walk: Take
 ) -> None:

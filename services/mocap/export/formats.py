@@ -30,9 +30,8 @@ from services.mocap.result.layout import (
     REPORT,
     TRC,
 )
-from services.mocap.result.result import Result
+from services.mocap.result.result import Result, open_take_of
 from services.mocap.take.csv_columns import as_cells, frame_cells, write_columns
-from services.mocap.take.folder import open_take
 from services.mocap.verdict.judging import verdict_of
 
 log = logging.getLogger(__name__)
@@ -98,7 +97,7 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
         raise UserError(f"{result.folder}: does not name its take: add --take FOLDER")
     if options.take is None and "live" in result.run:
         raise UserError(f"{result.folder}: is of live cameras: add --take with the folder of their recording")
-    take = open_take(tracked)
+    take = open_take_of(result, tracked)
     last = int(result.tracked.frames_shown[-1])
     if last >= take.settings.frames:
         raise UserError(

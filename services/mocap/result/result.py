@@ -19,6 +19,7 @@ from services.mocap.motion.motion import Motion
 from services.mocap.result.frame_files import FRAME_FILES, read_frame_file
 from services.mocap.result.layout import JOINTS, POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import DISTRUSTED, PARTS
 from services.mocap.take.quantities import FURTHER, Labelled
@@ -176,6 +177,27 @@ def load_result(folder: Path | str) -> Result:
         body=build_body(actor),
     )
     return Result(folder, actor, motion, tracked, run)
+
+
+def check_take(result: Result, take: Take, where: str) -> None:
+    """Raise UserError, whose sentence begins with where, if a result is of another take by its run.json."""
+    name = result.run.get("take", {}).get("name", take.settings.name)
+    if name != take.settings.name:
+        raise UserError(
+            f"{where}: is of {name!r}, not of {take.settings.name!r} in {take.folder}: expected the take "
+            "that was tracked"
+        )
+
+
+def open_take_of(result: Result, folder: Path) -> Take:
+    """Open the take of a result, or the recording of a live one.
+
+    Raises UserError if it is another take, or as open_take.
+    """
+    take = open_take(folder)
+    if "live" not in result.run:  # a recording is named like its folder
+        check_take(result, take, str(result.folder))
+    return take
 
 
 @contextmanager
