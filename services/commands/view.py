@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from services.address import LOOPBACK, Address
-from services.commands.consoles import ResultFolder, say, stderr
+from services.commands.consoles import ResultFolder, say, stderr, warn
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
@@ -79,6 +79,7 @@ def view(
     from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
+    warn([show.remark] if show.remark else [])
     with closing(PageServer(Address(LOOPBACK, port))) as server, StopRequest() as stop:
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")

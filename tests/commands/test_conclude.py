@@ -3,12 +3,13 @@
 import json
 import shutil
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 import typer
 
-from services.commands.view import EXIT_NOT_USABLE, conclude
+from services.commands.view import EXIT_NOT_USABLE, conclude, view
 from services.mocap.result.frame_files import write_frame_file
 from services.mocap.take.marks import PARTS
 
@@ -52,3 +53,14 @@ def test_results_with_gaps_are_usable(folder: Path, capsys: pytest.CaptureFixtur
     assert capsys.readouterr().out.startswith(
         "verdict: usable with gaps: 1 of 16 frames has doubtful parts\n"
     )
+
+
+def test_the_terminal_says_why_the_page_has_no_pictures(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overlapping(folder, 0.9)
+    monkeypatch.setattr("services.viewer.server.PageServer", MagicMock())
+    monkeypatch.setattr("services.commands.view.StopRequest", MagicMock())  # its count is true at once
+    view(folder)
+    said = " ".join(capsys.readouterr().err.split())
+    assert said == "warning: The take is not at my-take any more: give --take to see its cameras."

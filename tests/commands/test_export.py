@@ -120,6 +120,13 @@ def test_the_overlay_is_of_the_take_that_was_tracked(folder: Path, small_take, t
     export(folder, "--to", "overlay", "--take", other, "--out", tmp_path / "out")  # named like its folder
 
 
+def test_a_take_that_was_moved(folder: Path, tmp_path: Path) -> None:
+    (folder / "run.json").write_text(json.dumps({"take": {"name": "walk", "folder": str(tmp_path / "gone")}}))
+    assert refusal(folder, "--to", "overlay") == (
+        f"{folder}: its take is not at {tmp_path / 'gone'} any more: add --take FOLDER"
+    )
+
+
 def test_what_cannot_be(folder: Path, tmp_path: Path) -> None:
     assert refusal(folder, "--to", "bhv") == "--to 'bhv': unknown format: did you mean bvh"
     (tmp_path / "file").touch()

@@ -97,6 +97,8 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
         raise UserError(f"{result.folder}: does not name its take: add --take FOLDER")
     if options.take is None and "live" in result.run:
         raise UserError(f"{result.folder}: is of live cameras: add --take with the folder of their recording")
+    if options.take is None and not tracked.is_dir():
+        raise UserError(f"{result.folder}: its take is not at {tracked} any more: add --take FOLDER")
     take = open_take_of(result, tracked)
     last = int(result.tracked.frames_shown[-1])
     if last >= take.settings.frames:
