@@ -49,10 +49,16 @@ def unused(files: Iterable[Path], found: Mapping[str, Path]) -> list[Path]:
 
 def unused_remarks(files: Iterable[Path], found: Mapping[str, Path]) -> list[str]:
     """A sentence for each file that is not among those found for the cameras."""
-    return [
-        f"{path}: belongs to no camera of {layout.CALIBRATION} and is not used"
-        for path in unused(files, found)
-    ]
+    names = {layout.nfc(name): camera for camera, used in found.items() for name in (camera, used.stem)}
+
+    def said(path: Path) -> str:
+        camera = names.get(layout.nfc(path.stem))
+        if camera is None:
+            return f"{path}: belongs to no camera of {layout.CALIBRATION} and is not used"
+        used = found[camera].name
+        return f"{path}: is a second file of {camera} beside {used}, which is used: keep one of them"
+
+    return list(map(said, unused(files, found)))
 
 
 def check_names(folder: Path, table: str, stated: Iterable[str], cameras: Sequence[str]) -> None:

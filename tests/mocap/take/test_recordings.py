@@ -150,7 +150,18 @@ def test_a_video_of_no_camera_is_a_remark(small_take: SmallTake) -> None:
     settings = folder / "take.toml"
     settings.write_text(f'{settings.read_text()}\n[videos]\ncam02 = "videos/../videos/cam05.mp4"\n')
     (remark,) = open_take(folder).remarks
-    assert remark.startswith(f"{folder}/videos/cam02.mp4: belongs to no camera")
+    assert remark.startswith(f"{folder}/videos/cam02.mp4: is a second file of cam02 beside cam05.mp4")
+
+
+def test_a_second_video_of_a_camera_is_a_remark(small_take: SmallTake) -> None:
+    folder = small_take()
+    shutil.copy(folder / "videos/cam01.mp4", folder / "videos/cam01.avi")
+    take = open_take(folder)
+    assert take.videos["cam01"].name == "cam01.avi"
+    assert take.remarks == (
+        f"{folder}/videos/cam01.mp4: is a second file of cam01 beside cam01.avi, which is used: keep one of "
+        "them",
+    )
 
 
 @pytest.mark.parametrize(
