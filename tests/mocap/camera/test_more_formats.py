@@ -4,6 +4,7 @@ Each writer makes the layout that the tool documents or that its own converter w
 """
 
 import pickle  # noqa: TID251  (written here, as OpenCap does)
+import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -275,6 +276,32 @@ def test_a_camera_without_a_pose_is_left_out_and_said(tmp_path: Path) -> None:
     found, remarks = read(path)
     assert [one.name for one in found] == ["cam_0", "cam_2"]
     assert any("[cameras.1]: has no pose" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("write", "element", "zero", "fields"),
+    [
+        (as_qualisys, "transform", r"(r[123][123])", "transform, intrinsic"),
+        (as_qualisys, "intrinsic", r"(\w+)", "transform, intrinsic"),
+        (as_vicon, "KeyFrame", r"(ORIENTATION)", "ORIENTATION, FOCAL_LENGTH"),
+        (as_vicon, "KeyFrame", r"(FOCAL_LENGTH)", "ORIENTATION, FOCAL_LENGTH"),
+    ],
+)
+def test_a_camera_whose_numbers_are_zero_is_left_out_and_said(
+    tmp_path: Path, write: Callable[[Path], Path], element: str, zero: str, fields: str
+) -> None:
+    path = write(tmp_path)
+    before, mark, rest = path.read_text().rpartition(f"<{element} ")
+    tag, end, after = rest.partition("/>")
+    zeros = re.sub(
+        f'\\b{zero}="([^"]*)"', lambda found: f'{found[1]}="{" ".join("0" for _ in found[2].split())}"', tag
+    )
+    assert zeros != tag
+    path.write_text(before + mark + zeros + end + after)
+    found, remarks = read(path)
+    assert [one.name for one in found] == [one.name for one in CAMERAS[:-1]]
+    said = f"{path}: camera {CAMERAS[-1].name}: has no pose or lens ({fields}) and is left out"
+    assert said in remarks
 
 
 def test_another_tools_file_as_calibration_toml_is_answered_with_the_line_to_type(

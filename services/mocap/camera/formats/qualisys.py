@@ -35,15 +35,21 @@ def read_qualisys(path: Path) -> Loose:
             f"{path}: pictures of {', '.join(turned)} are rotated in Qualisys (viewrotation): the "
             "calibration is for videos without rotation: check with xormocap calibrate --check"
         )
-    found = [_camera(path, number, tag) for number, tag in enumerate(video or cameras)]
-    return Loose(found, metres=1e-3, remarks=tuple(remarks))
+    serials = [tag.get("serial", str(number + 1)) for number, tag in enumerate(video or cameras)]
+    found = [_camera(path, *each) for each in zip(serials, video or cameras, strict=True)]
+    remarks += [
+        f"{path}: camera {serial}: has no pose or lens (transform, intrinsic) and is left out"
+        for serial, camera in zip(serials, found, strict=True)
+        if camera is None
+    ]
+    return Loose([camera for camera in found if camera is not None], metres=1e-3, remarks=tuple(remarks))
 
 
 QUALISYS = Reader(read_qualisys, lambda path: has_suffix(path, _SUFFIXES), _SUFFIXES)
 
 
-def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
-    serial = tag.get("serial", str(number + 1))
+def _camera(path: Path, serial: str, tag: Element) -> LooseCamera | None:
+    """None for one that Qualisys has not calibrated: its numbers are zero."""
     where = f"{path}: camera {serial}"
     left, top, right, bottom = _numbers(tag, where, "fov_video", ("left", "top", "right", "bottom"))
     fx, fy, cx, cy, skew = _numbers(
@@ -53,7 +59,10 @@ def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
     p1, p2 = _numbers(tag, where, "intrinsic", ("tangentalDistortion1", "tangentalDistortion2"))
     centre_world_mm = _numbers(tag, where, "transform", ("x", "y", "z"))
     names = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-    R = _R_OPENCV_QUALISYS @ rotation_of(_numbers(tag, where, "transform", names), where)
+    axes = _numbers(tag, where, "transform", names)
+    if not axes.any() or fx == 0:
+        return None
+    R = _R_OPENCV_QUALISYS @ rotation_of(axes, where)
     K = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, _PER_PIXEL]]) / _PER_PIXEL
     K[:2, 2] -= left, top
     return LooseCamera(

@@ -38,14 +38,22 @@ def read_vicon(path: Path) -> Loose:
     if 0 < len(video) < len(calibrated):
         ignored = len(calibrated) - len(video)
         remarks.append(f"{path}: {ignored} cameras are not video cameras and are ignored")
-    cameras = [_camera(path, *each) for each in video or calibrated]
+    cameras = []
+    for tag, frame in video or calibrated:
+        camera = _camera(path, tag, frame)
+        if camera is not None:
+            cameras.append(camera)
+            continue
+        where = f"{path}: camera {tag.get('DEVICEID')}"
+        remarks.append(f"{where}: has no pose or lens (ORIENTATION, FOCAL_LENGTH) and is left out")
     return Loose(cameras, metres=1e-3, remarks=tuple(remarks))
 
 
 VICON = Reader(read_vicon, lambda path: has_suffix(path, _SUFFIXES), _SUFFIXES)
 
 
-def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
+def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera | None:
+    """None for one that Vicon has not calibrated: its numbers are zero."""
     where = f"{path}: camera {tag.get('DEVICEID')}"
 
     def numbers(of: Element, name: str, count: int) -> Floats:
@@ -56,8 +64,8 @@ def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
     (aspect,) = numbers(tag, "PIXEL_ASPECT_RATIO", 1) if tag.get("PIXEL_ASPECT_RATIO") else (1.0,)
     cx, cy = numbers(frame, "PRINCIPAL_POINT", 2)
     quaternion = numbers(frame, "ORIENTATION", 4)
-    if not np.any(quaternion):
-        raise CalibrationError(f"{where}: ORIENTATION: is zero: expected a camera that Vicon has calibrated")
+    if not quaternion.any() or focal_px == 0:
+        return None
     R = np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
     if focal_px <= 0 or aspect <= 0:
         raise CalibrationError(f"{where}: FOCAL_LENGTH and PIXEL_ASPECT_RATIO: expected numbers over 0")
