@@ -1,7 +1,10 @@
 """Which file of a folder belongs to which camera, by the names that people and tools give to files."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from operator import and_
 from pathlib import Path
 
 from services.mocap.errors import TakeError, nearest
@@ -77,9 +80,10 @@ def check_names(folder: Path, table: str, stated: Iterable[str], cameras: Sequen
 def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Path]:
     """The files of cameras: those named as a camera is, then those that can only be meant for one camera.
 
-    Words and numbers that all names of one kind share (`int_cam01_img`, `take3-cam01`) are ignored, and so
-    are case and leading zeros. A file is matched if its remaining words hold those of just one camera, or
-    the other way round, and no other file is. The result is in the cameras' order.
+    Words and numbers that all names of one kind share (`int_cam01_img`, `take3-cam01`) are ignored, as often
+    as all have them (one 2 of `cam2_take2` beside `cam1_take2`), and so are case and leading zeros. A file is
+    matched if its remaining words hold those of just one camera, or the other way round, and no other file
+    is. The result is in the cameras' order.
     """
     by_name = {layout.nfc(path.stem): path for path in reversed(files)}
     exact = {camera: by_name[layout.nfc(camera)] for camera in cameras if layout.nfc(camera) in by_name}
@@ -102,10 +106,10 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     return {camera: found[camera] for camera in cameras if camera in found}
 
 
-def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:
-    """The words of each name that not all names have; all, of a single name."""
+def _own_words(names: Iterable[str], pattern: str) -> list[Counter[str]]:
+    """How often each name has each word, beyond how often all names have it; as it is, of a single name."""
     spelt_alike = (layout.nfc(name).lower() for name in names)
     plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name) for name in spelt_alike]  # without leading zeros
-    each = [frozenset(re.findall(pattern, name)) for name in plain]
-    shared = frozenset.intersection(*each) if len(each) > 1 else frozenset()
+    each = [Counter(re.findall(pattern, name)) for name in plain]
+    shared = reduce(and_, each) if len(each) > 1 else Counter[str]()
     return [words - shared for words in each]

@@ -41,6 +41,11 @@ Refusal: TypeAlias = Callable[[Path], str]
         (["cam1", "cam2", "cam3"], ["cam1", "cam3a", "cam3b"], {"cam1": "cam1"}),  # which is the third's?
         (["cam1", "cam2"], ["a", "b"], {}),
         (["cam1", "cam12"], ["take_12", "take_1"], {"cam1": "take_1", "cam12": "take_12"}),
+        (
+            ["cam01", "cam02", "cam03"],
+            ["cam_1_take_2", "cam_2_take_2", "cam_3_take_2"],
+            {"cam01": "cam_1_take_2", "cam02": "cam_2_take_2", "cam03": "cam_3_take_2"},
+        ),
         (["für", "fár"], ["fár_a", "für_a"], {"für": "für_a", "fár": "fár_a"}),
         (["левая", "правая"], ["бег-Правая", "бег-Левая"], {"левая": "бег-Левая", "правая": "бег-Правая"}),
     ],
