@@ -20,7 +20,14 @@ from services.mocap.take.recordings import check_names, files_of, find_videos, m
 from services.mocap.take.settings import TakeFile, TakeSettings, read_take_file
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.video import PicturePicker, VideoReader
-from services.mocap.take.video_checks import check_decodes, check_plate, check_video, cut_remark, rate_of
+from services.mocap.take.video_checks import (
+    check_decodes,
+    check_plate,
+    check_video,
+    cut_remark,
+    interlaced_remarks,
+    rate_of,
+)
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes, Trimap
 
@@ -190,7 +197,10 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
         check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
-    remarks = unused_remarks(files_of(folder / layout.VIDEOS), videos)
+    remarks = [
+        *interlaced_remarks(indices.values()),
+        *unused_remarks(files_of(folder / layout.VIDEOS), videos),
+    ]
     return replace(take, remarks=(*([] if cut is None else [cut]), *remarks))
 
 

@@ -1,6 +1,6 @@
 """What can be wrong with the videos of a take: sizes, lengths, frame rates, damage."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +102,16 @@ def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_
         f"{lacking}, but {long.path.name} has {long.n_frames}: the first {settings.frames} frames of each "
         "are used; if the cameras did not start together, run xormocap sync"
     )
+
+
+def interlaced_remarks(indices: Iterable[VideoIndex]) -> list[str]:
+    """A remark for each video whose pictures are interlaced."""
+    return [
+        f"{index.path}: is interlaced, so that each picture shows two moments: convert it (ffmpeg -i IN -vf "
+        "bwdif=send_frame OUT)"
+        for index in indices
+        if index.is_interlaced
+    ]
 
 
 def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:

@@ -52,6 +52,8 @@ class VideoIndex:
     """Whether the file's rotation tag turns its stored pictures by a quarter turn."""
     is_counted: bool = False
     """Whether frames must be counted from a keyframe, as their time stamps are in decoding order."""
+    is_interlaced: bool = False
+    """Whether the first picture holds two moments, in its even and its odd rows."""
 
     @property
     def n_frames(self) -> int:
@@ -95,7 +97,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
     shown = [packet for packet in packets if not packet.is_hidden]
     stamps = sorted(packet.shown for packet in shown)
     keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
-    picture, quarter_turns = _first_picture(path)
+    picture, quarter_turns, is_interlaced = _first_picture(path)
     height, width = picture.shape[:2]
     return VideoIndex(
         path=path,
@@ -107,6 +109,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         repeats=frozenset(bisect_left(stamps, packet.shown) for packet in shown if packet.is_not_coded),
         is_turned=quarter_turns % 2 == 1,
         is_counted=is_counted,
+        is_interlaced=is_interlaced,
     )
 
 
@@ -163,8 +166,9 @@ def video_stream(container: InputContainer, path: Path) -> VideoStream:
     return stream
 
 
-def _first_picture(path: Path) -> tuple[Bytes, int]:
-    """The first picture that can be decoded, upright, and by how many quarter turns it was turned."""
+def _first_picture(path: Path) -> tuple[Bytes, int, bool]:
+    """The first picture that can be decoded, upright, by how many quarter turns it was turned, and whether it
+    is interlaced."""
     with opened_video(path) as container:
         try:
             frame = next(container.decode(video_stream(container, path)), None)
@@ -172,7 +176,7 @@ def _first_picture(path: Path) -> tuple[Bytes, int]:
             frame = None
         if frame is None:
             raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
-        return bgr_picture(frame, VideoReformatter()), _quarter_turns(frame)
+        return bgr_picture(frame, VideoReformatter()), _quarter_turns(frame), frame.interlaced_frame
 
 
 def bgr_picture(

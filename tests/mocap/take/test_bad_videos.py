@@ -84,6 +84,23 @@ def test_videos_that_are_cut_are_remarked(small_take: SmallTake, is_stated: bool
     assert [len(list(take.video(camera))) for camera in take.cameras] == [4, 4]
 
 
+def test_an_interlaced_video_is_remarked(small_take: SmallTake) -> None:
+    folder = small_take()
+    path = folder / "videos/cam02.mp4"
+    path.unlink()
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10, options={"x264-params": "interlaced=1"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(4):
+            picture = np.zeros((48, 64, 3), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    assert open_take(folder).remarks == (
+        f"{path}: is interlaced, so that each picture shows two moments: convert it (ffmpeg -i IN -vf "
+        "bwdif=send_frame OUT)",
+    )
+
+
 def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take()
     rewrite_video(folder / "videos/cam02.mp4", 3)
