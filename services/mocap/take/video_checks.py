@@ -105,10 +105,10 @@ def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_
 
 
 def interlaced_remarks(indices: Iterable[VideoIndex]) -> list[str]:
-    """A remark for each video whose pictures are interlaced."""
+    """A remark for each video whose pictures are marked as interlaced; some cameras mark whole ones so."""
     return [
-        f"{index.path}: is interlaced, so that each picture shows two moments: convert it (ffmpeg -i IN -vf "
-        "bwdif=send_frame OUT)"
+        f"{index.path}: is marked as interlaced: if its pictures show two moments each, as combs at what "
+        "moves fast, convert it (ffmpeg -i IN -vf bwdif=send_frame OUT)"
         for index in indices
         if index.is_interlaced
     ]

@@ -96,8 +96,8 @@ def test_an_interlaced_video_is_remarked(small_take: SmallTake) -> None:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
         container.mux(stream.encode(None))
     assert open_take(folder).remarks == (
-        f"{path}: is interlaced, so that each picture shows two moments: convert it (ffmpeg -i IN -vf "
-        "bwdif=send_frame OUT)",
+        f"{path}: is marked as interlaced: if its pictures show two moments each, as combs at what "
+        "moves fast, convert it (ffmpeg -i IN -vf bwdif=send_frame OUT)",
     )
 
 
