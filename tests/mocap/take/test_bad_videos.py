@@ -49,15 +49,15 @@ def rewrite_video(path: Path, n_frames: int, fps: float = 10.0, size_px: tuple[i
             writer.write(np.zeros((*size_px[::-1], 3), np.uint8))
 
 
-def leave_frames_to_videos(folder: Path) -> None:
+def leave_to_videos(folder: Path, line: str) -> None:
     text = (folder / "take.toml").read_text()
-    assert "frames = 4\n" in text
-    (folder / "take.toml").write_text(text.replace("frames = 4\n", ""))
+    assert f"{line}\n" in text
+    (folder / "take.toml").write_text(text.replace(f"{line}\n", ""))
 
 
 def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take(n_cameras=4)
-    leave_frames_to_videos(folder)
+    leave_to_videos(folder, "frames = 4")
     for camera, frames in ("cam01", 9), ("cam02", 9), ("cam03", 5):
         rewrite_video(folder / f"videos/{camera}.mp4", frames)
     assert refusal(folder) == (
@@ -73,7 +73,7 @@ def test_videos_that_are_cut_are_remarked(small_take: SmallTake, is_stated: bool
     """As of cameras that were stopped one after the other, or as take.toml wants it."""
     folder = small_take()
     if not is_stated:
-        leave_frames_to_videos(folder)
+        leave_to_videos(folder, "frames = 4")
     rewrite_video(folder / "videos/cam02.mp4", frames)
     take = open_take(folder)
     assert take.settings.frames == 4
@@ -126,10 +126,10 @@ def test_a_video_of_almost_the_same_rate_is_taken(small_take: SmallTake) -> None
     open_take(folder)
 
 
-def test_a_video_with_lost_frames(small_take: SmallTake, refusal: Refusal) -> None:
-    folder = small_take(frames=12)
-    path = folder / "videos/cam02.mp4"
-    with av.open(str(path)) as source, av.open(str(folder / "gap.mp4"), "w") as target:
+def lose_frames(path: Path) -> None:
+    """Frames 7 and later are shown four frames later: as if four frames were lost."""
+    late_path = path.with_name("gap.mp4")
+    with av.open(str(path)) as source, av.open(str(late_path), "w") as target:
         stream = target.add_stream_from_template(source.streams.video[0])
         for packet in source.demux(video=0):
             if packet.pts is not None and packet.dts is not None:
@@ -137,9 +137,17 @@ def test_a_video_with_lost_frames(small_take: SmallTake, refusal: Refusal) -> No
                 packet.pts, packet.dts = packet.pts + late, packet.dts + late
                 packet.stream = stream
                 target.mux(packet)
-    (folder / "gap.mp4").replace(path)
+    late_path.replace(path)
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_a_video_with_lost_frames(small_take: SmallTake, refusal: Refusal, is_stated: bool) -> None:
+    folder = small_take(frames=12)
+    if not is_stated:
+        leave_to_videos(folder, "fps = 10.0")
+    lose_frames(folder / "videos/cam01.mp4")
     sentence = refusal(folder)
-    assert sentence.startswith("videos/cam02.mp4: lacks frames between its frames 6 and 7, which are 0."), (
+    assert sentence.startswith("videos/cam01.mp4: lacks frames between its frames 6 and 7, which are 0."), (
         sentence
     )
     assert sentence.endswith("convert it to a constant frame rate (ffmpeg -i IN -vf fps=10 OUT)")
