@@ -8,6 +8,7 @@ from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
@@ -87,7 +88,9 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         stream = video_stream(container, path)
         packets = every = _packets(container, stream, path)
         declared, unit_s = stream.frames, float(stream.time_base or 0)
-        is_counted = container.format.name == "avi" and stream.codec_context.name in _CODECS_OUT_OF_ORDER
+        is_counted = _is_counted(container, stream)
+        if container.format.name == "avi":
+            declared = _declared_by_avi(stream, packets)
     if len(packets) < declared:  # cut off, or an edit list hides frames: count all packets to know which
         with opened_video(path, {"ignore_editlist": "1"}) as container:
             every = _packets(container, video_stream(container, path), path)
@@ -125,10 +128,10 @@ class _Packet(NamedTuple):
     is_not_coded: bool
 
     @classmethod
-    def of(cls, packet: "av.Packet[VideoStream]", codec: str) -> "_Packet":
+    def of(cls, packet: "av.Packet[VideoStream]", codec: str, *, is_counted: bool) -> "_Packet":
         decoded = packet.dts or 0
         return cls(
-            shown=decoded if packet.pts is None else packet.pts,
+            shown=decoded if packet.pts is None or is_counted else packet.pts,
             decoded=decoded,
             is_key=packet.is_keyframe,
             is_whole=not packet.is_corrupt,
@@ -137,12 +140,29 @@ class _Packet(NamedTuple):
         )
 
 
+def _is_counted(container: InputContainer, stream: VideoStream) -> bool:
+    return container.format.name == "avi" and stream.codec_context.name in _CODECS_OUT_OF_ORDER
+
+
 def _packets(container: InputContainer, stream: VideoStream, path: Path) -> list[_Packet]:
-    codec = stream.codec_context.name
+    codec, is_counted = stream.codec_context.name, _is_counted(container, stream)
     try:
-        return [_Packet.of(packet, codec) for packet in container.demux(stream) if packet.size]
+        every = container.demux(stream)
+        return [_Packet.of(packet, codec, is_counted=is_counted) for packet in every if packet.size]
     except av.error.FFmpegError:
         raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
+
+
+def _declared_by_avi(stream: VideoStream, packets: list[_Packet]) -> int:
+    """How many frames an AVI file should have, which is what it has unless it ends early.
+
+    Its header counts moments, also those without a frame: where one was dropped, or all odd ones. FFmpeg
+    shortens the duration of a file that is smaller than its header says.
+    """
+    if (stream.duration or 0) >= stream.frames:
+        return len(packets)
+    steps = np.diff([packet.decoded for packet in packets])
+    return ceil(stream.frames / max(1.0, float(np.median(steps)))) if len(steps) else stream.frames
 
 
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:

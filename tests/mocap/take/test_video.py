@@ -183,17 +183,23 @@ def test_pictures_come_back_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a" / "x.png")), picture)
 
 
-def encode(path: Path, codec: str, not_coded: frozenset[int] = frozenset()) -> None:
-    """30 numbered pictures; packets of MPEG-4 frames in `not_coded` say only "as before"."""
+def encode(
+    path: Path, codec: str, not_coded: frozenset[int] = frozenset(), *, lost: int = -1, ticks: int = 1
+) -> None:
+    """30 numbered pictures, without the picture `lost`; the container counts `ticks` moments for each.
+
+    Packets of MPEG-4 frames in `not_coded` say only "as before".
+    """
     written, reorders = 0, codec != "mjpeg" and not not_coded
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=Fraction(10), options={"bf": "2"} if reorders else {})
+        rate = Fraction(10 * ticks)
+        stream = container.add_stream(codec, rate=rate, options={"bf": "2"} if reorders else {})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.codec_context.gop_size = 12
         frames = [av.VideoFrame.from_ndarray(numbered(i), format="bgr24") for i in range(30)]
         for i, frame in enumerate(frames):
-            frame.pts, frame.time_base = i, Fraction(1, 10)
-        for frame in (*frames, None):
+            frame.pts, frame.time_base = i * ticks, 1 / rate
+        for frame in (*(frame for i, frame in enumerate(frames) if i != lost), None):
             for coded in stream.encode(frame):
                 packet = coded
                 if written in not_coded:
@@ -227,6 +233,23 @@ def test_frames_of_other_containers_are_numbered_exactly(tmp_path: Path, name: s
     picker = PicturePicker(index)
     for frame in (20, 3, 4, 29):
         assert number_of(picker.read(frame)) == frame
+
+
+@pytest.mark.parametrize(("codec", "lost", "ticks"), [("libx264", -1, 2), ("mjpeg", 10, 1)])
+def test_moments_without_a_frame_do_not_cut_an_avi_off(
+    tmp_path: Path, codec: str, lost: int, ticks: int
+) -> None:
+    encode(tmp_path / "x.avi", codec, lost=lost, ticks=ticks)
+    numbers = [frame for frame in range(30) if frame != lost]
+    with VideoReader(tmp_path / "x.avi") as reader:
+        assert [number_of(picture) for picture in reader] == numbers
+    np.testing.assert_allclose(reader.index.times_s, np.array(numbers) / 10, atol=1e-6)
+    data = (tmp_path / "x.avi").read_bytes()
+    (tmp_path / "cut.avi").write_bytes(data[: (data.index(b"movi") + 2 * data.rindex(b"idx1")) // 3])
+    with pytest.raises(
+        TakeError, match=r"cut.avi: cut off after [12]\d of 30 frames: copy or record it again"
+    ):
+        index_video(tmp_path / "cut.avi")
 
 
 @pytest.mark.parametrize("name", ["x.avi", "x.mp4"])
