@@ -3,11 +3,12 @@
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import islice
+from itertools import chain, dropwhile, islice
 from pathlib import Path
 from typing import Self
 
 import av
+from av.container import InputContainer
 from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
@@ -99,23 +100,48 @@ class VideoReader:
 
     def _begun(self, first: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
         """A decoder, and the first frame that it gave at or after the number `first`."""
-        keyframe, decoding_stamp = self.index.keyframe_before(first)
-        if self.index.is_counted:
-            decoder = self._decoder(decoding_stamp)
+        index, stamp = self.index, self.index.stamps[first]
+        if index.is_counted:
+            keyframe, decoding_stamp = index.keyframe_before(first)
+            self._container.seek(decoding_stamp, stream=self._stream)
+            decoder = _decoded(self._container.demux(self._stream))
             return decoder, next(islice(_to_the_end(decoder), first - keyframe, None), None)
-        for begin_at in (self.index.stamps[keyframe], decoding_stamp):  # some formats seek by decoding time
-            decoder = self._decoder(begin_at)
-            at_or_after = (
-                f for f in _to_the_end(decoder) if f.pts is None or f.pts >= self.index.stamps[first]
-            )
+        for packets in _beginnings(index, first, self._container, self._stream):
+            decoder = _decoded(packets)
+            at_or_after = (f for f in _to_the_end(decoder) if f.pts is None or f.pts >= stamp)
             frame = next(at_or_after, None)
-            if frame is not None and frame.pts == self.index.stamps[first]:
+            if frame is not None and frame.pts == stamp:
                 break
         return decoder, frame
 
-    def _decoder(self, begin_at: int) -> Iterator[VideoFrame]:
-        self._container.seek(begin_at, stream=self._stream)
-        return self._container.decode(self._stream)
+
+def _decoded(packets: "Iterator[Packet[VideoStream]]") -> Iterator[VideoFrame]:
+    for packet in packets:
+        yield from packet.decode()
+
+
+def _beginnings(
+    index: VideoIndex, frame: int, container: InputContainer, stream: VideoStream
+) -> "Iterator[Iterator[Packet[VideoStream]]]":
+    """Ways to read packets from the keyframe of a frame on, or from an earlier one: one gives the frame.
+
+    A seek in an MPEG program stream lands in the midst of a frame, and the next frame has that one's time:
+    such a file is read from its start.
+    """
+    keyframe, decoding_stamp = index.keyframe_before(frame)
+    stamp = index.stamps[keyframe]
+    for begin_at in (stamp, decoding_stamp):  # some formats seek by decoding time
+        container.seek(begin_at, stream=stream)
+        packets = container.demux(stream)
+        first = next(packets, None)
+        if first is not None and first.is_keyframe and _shown(first) <= stamp:
+            yield chain([first], packets)
+    container.seek(0)
+    yield dropwhile(lambda packet: packet.size and _shown(packet) != stamp, container.demux(stream))
+
+
+def _shown(packet: "Packet[VideoStream]") -> int:
+    return (packet.dts or 0) if packet.pts is None else packet.pts
 
 
 def _to_the_end(decoder: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
@@ -160,28 +186,34 @@ class PicturePicker:
             raise TakeError(f"{self._index.path}: has no frame {frame}, but {self._index.n_frames} frames")
         while frame in self._index.repeats and frame > 0:
             frame -= 1
-        keyframe, decoding_stamp = self._index.keyframe_before(frame)
         if self._index.is_counted:
             with VideoReader(self._index, frame, frame + 1, self._colour, self._size_px) as reader:
                 return next(iter(reader))
+        keyframe, _ = self._index.keyframe_before(frame)
         if self._next is not None and keyframe <= self._next <= frame:
             found = self._find(frame)
-        else:  # some formats seek by presentation time, others by decoding time
-            found = self._find(frame, self._index.stamps[keyframe]) or self._find(frame, decoding_stamp)
+        else:
+            found = self._find_anew(frame)
         if found is None:
             raise TakeError(f"{self._index.path}: frame {frame} cannot be decoded: {COPY_AGAIN}")
         self._next = frame + 1
         picture = bgr_picture(found, self._converter, self._size_px)
         return picture if self._colour is None else self._colour.apply(picture)
 
-    def _find(self, frame: int, begin_at: int | None = None) -> VideoFrame | None:
-        """A frame, reading on or from the keyframe at a stamp; None if it was not found."""
+    def _find_anew(self, frame: int) -> VideoFrame | None:
+        """A frame, reading from the keyframe before it; None if it was not found."""
+        with suppress(av.error.FFmpegError):
+            for packets in _beginnings(self._index, frame, self._container, self._stream):
+                self._packets = packets
+                self._decoded.clear()
+                if (found := self._find(frame)) is not None:
+                    return found
+        return None
+
+    def _find(self, frame: int) -> VideoFrame | None:
+        """A frame, reading on; None if it was not found."""
         self._next, stamp = None, self._index.stamps[frame]
         with suppress(av.error.FFmpegError, StopIteration):
-            if begin_at is not None:
-                self._container.seek(begin_at, stream=self._stream)
-                self._packets = self._container.demux(self._stream)
-                self._decoded.clear()
             while True:
                 while self._decoded:
                     found = self._decoded.popleft()

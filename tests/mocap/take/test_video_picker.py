@@ -13,13 +13,19 @@ from services.mocap.take.video_index import index_video
 _N = 60
 
 
-@pytest.fixture(scope="module", params=["mp4", "mkv"])
+@pytest.fixture(scope="module", params=["mp4", "mkv", "mpg"])
 def video(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Sixty pictures with B-frames that refer to each other, a keyframe every 12."""
+    """Sixty pictures with a keyframe every 12, and B-frames that refer to each other.
+
+    The MPEG program stream has no B-frames; a seek in it lands in the midst of a frame.
+    """
     path = tmp_path_factory.mktemp("video") / f"v.{request.param}"
     noise = np.random.default_rng(3)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", 25, {"bf": "3", "g": "12", "b_strategy": "0"})
+        if request.param == "mpg":
+            stream = container.add_stream("mpeg2video", 25, {"g": "12"})
+        else:
+            stream = container.add_stream("libx264", 25, {"bf": "3", "g": "12", "b_strategy": "0"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for n in range(_N):
             picture = noise.integers(0, 60, (48, 64, 3), np.uint8)
@@ -36,6 +42,14 @@ def test_pictures_in_any_order_are_exact(video: Path, step: int) -> None:
     picker = PicturePicker(index_video(video))
     for frame in range(_N)[::step]:
         np.testing.assert_array_equal(picker.read(frame), expected[frame])
+
+
+def test_reading_may_begin_at_any_frame(video: Path) -> None:
+    with VideoReader(video) as reader:
+        expected = list(reader)
+    for start in range(_N):
+        with VideoReader(video, start, start + 1) as reader:
+            np.testing.assert_array_equal(next(iter(reader)), expected[start])
 
 
 def test_going_on_decodes_less_than_all(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
