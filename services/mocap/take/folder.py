@@ -25,6 +25,7 @@ from services.mocap.take.video_checks import (
     check_plate,
     check_video,
     cut_remark,
+    drift_remark,
     interlaced_remarks,
     rate_of,
 )
@@ -193,15 +194,17 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
     cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
+    drift = drift_remark(indices, settings)
     for name, index in indices.items() if decoded else ():
         check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     remarks = [
+        *(remark for remark in (cut, drift) if remark is not None),
         *interlaced_remarks(indices.values()),
         *unused_remarks(files_of(folder / layout.VIDEOS), videos),
     ]
-    return replace(take, remarks=(*([] if cut is None else [cut]), *remarks))
+    return replace(take, remarks=tuple(remarks))
 
 
 def _cameras(path: Path, up: Up) -> tuple[Camera, ...]:

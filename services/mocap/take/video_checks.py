@@ -14,6 +14,11 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import VideoIndex, index_video
 
 _LARGEST_RATE_ERROR = 0.01
+_ROUNDING_S = 0.001
+"""Matroska rounds time stamps to milliseconds; a video's length is wrong by up to this."""
+_HARMLESS_DRIFT, _LARGEST_DRIFT = 0.5, 2.0
+"""Frames by which cameras of different rates may be apart at the end of a take: with more they are remarked,
+and refused."""
 _LARGEST_GAP = 1.5
 """In median frame intervals: with a larger gap, frame numbers no longer give the time."""
 _QUICK_TO_DECODE_PX = 200 * 320 * 240
@@ -69,8 +74,8 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
             f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate "
             f"({_CONVERSION.format(settings.fps)})"
         )
-    fps = 1 / gaps_s.mean()
-    if abs(fps / settings.fps - 1) > _LARGEST_RATE_ERROR:
+    fps, error_s = 1 / gaps_s.mean(), gaps_s.sum() - (frames - 1) / settings.fps
+    if abs(fps / settings.fps - 1) > _LARGEST_RATE_ERROR and abs(error_s) > _ROUNDING_S:
         if said.fps is None:
             raise TakeError(
                 f"{index.path}: runs at {fps:.4g} frames per second, but the first camera's video at "
@@ -80,6 +85,32 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
             f"{index.path}: runs at {fps:.4g} frames per second, but {layout.SETTINGS} says fps = "
             f"{settings.fps:g}: correct that number or convert the video"
         )
+
+
+def drift_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings) -> str | None:
+    """A remark if videos, by camera, differ in rate so that they drift apart; raises TakeError if by far."""
+    frames = settings.frames
+    if frames < 2 or not indices:
+        return None
+    rates = {name: _fitted_rate(index, settings.offset(name), frames) for name, index in indices.items()}
+    usual = min(rates, key=lambda name: abs(rates[name] - settings.fps))
+    other = max(rates, key=lambda name: abs(rates[name] - rates[usual]))
+    drift, rounding = (frames - 1) * abs(rates[other] / rates[usual] - 1), 2 * _ROUNDING_S * rates[usual]
+    if drift <= _HARMLESS_DRIFT + rounding:
+        return None
+    sentence = (
+        f"{indices[other].path}: runs at {rates[other]:.6g} frames per second, but "
+        f"{indices[usual].path.name} at {rates[usual]:.6g}, so that they are {drift:.1f} frames apart after "
+        f"{frames} frames: convert one of them ({_CONVERSION.format(rates[usual])})"
+    )
+    if drift > _LARGEST_DRIFT + rounding:
+        raise TakeError(sentence)
+    return sentence
+
+
+def _fitted_rate(index: VideoIndex, start: int, frames: int) -> float:
+    """By a line through the times of all frames, which single unsteady or rounded times hardly turn."""
+    return 1 / float(np.polyfit(np.arange(frames), index.times_s[start : start + frames], 1)[0])
 
 
 def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool) -> str | None:

@@ -126,6 +126,44 @@ def test_a_video_of_almost_the_same_rate_is_taken(small_take: SmallTake) -> None
     open_take(folder)
 
 
+@pytest.mark.parametrize("frames", [50, 100, 300])
+def test_videos_of_almost_the_same_rate_must_not_drift_apart(
+    small_take: SmallTake, refusal: Refusal, frames: int
+) -> None:
+    folder = small_take(frames=frames)
+    rewrite_video(folder / "videos/cam02.mp4", frames, 10.08)
+    sentence = (
+        "videos/cam02.mp4: runs at 10.08 frames per second, but cam01.mp4 at 10, so that they are "
+        f"{0.008 * (frames - 1):.1f} frames apart after {frames} frames: convert one of them "
+        "(ffmpeg -i IN -vf fps=10 OUT)"
+    )
+    if frames == 300:
+        assert refusal(folder) == sentence
+    else:
+        assert open_take(folder).remarks == (() if frames == 50 else (f"{folder}/{sentence}",))
+
+
+@pytest.mark.parametrize(("fps", "frames"), [(25.0, 300), (29.97, 300), (30.0, 2), (60.0, 3), (240.0, 300)])
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_rounded_time_stamps_are_no_other_rate(
+    small_take: SmallTake, fps: float, frames: int, is_stated: bool
+) -> None:
+    folder = small_take(fps=fps, frames=frames)
+    if not is_stated:
+        leave_to_videos(folder, f"fps = {fps}")
+    path = folder / "videos/cam02.mp4"
+    with av.open(str(path)) as source, av.open(str(path.with_suffix(".mkv")), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    path.unlink()
+    take = open_take(folder)
+    assert take.remarks == ()
+    assert take.settings.fps == fps
+
+
 def lose_frames(path: Path) -> None:
     """Frames 7 and later are shown four frames later: as if four frames were lost."""
     late_path = path.with_name("gap.mp4")
