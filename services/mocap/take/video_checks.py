@@ -31,15 +31,15 @@ _CONVERSION = "ffmpeg -i IN -vf fps={:g} OUT"
 
 
 def rate_of(indices: Sequence[VideoIndex], settings: Path) -> float:
-    """The frame rate of videos, where take.toml has none; raises TakeError if there is no video.
+    """The frame rate of videos, where take.toml has none; raises TakeError if no video tells it.
 
     It is a mean, as some formats round time stamps to milliseconds, without the gaps of lost frames.
     """
     index = next((index for index in indices if index.n_frames > 1), None)
     if index is None:
+        why = "videos of one frame do not tell" if indices else "only videos know by themselves"
         raise TakeError(
-            f"{settings}: fps: is missing: expected a positive number of frames per second, which only "
-            "videos know by themselves"
+            f"{settings}: fps: is missing: expected a positive number of frames per second, which {why}"
         )
     gaps_s = np.diff(index.times_s)
     return round(1 / float(gaps_s[gaps_s <= _LARGEST_GAP * np.median(gaps_s)].mean()), 3)

@@ -164,6 +164,15 @@ def test_rounded_time_stamps_are_no_other_rate(
     assert take.settings.fps == fps
 
 
+def test_videos_of_one_frame_tell_no_rate(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(frames=1)
+    leave_to_videos(folder, "fps = 10.0")
+    assert refusal(folder) == (
+        "take.toml: fps: is missing: expected a positive number of frames per second, which videos of one "
+        "frame do not tell"
+    )
+
+
 def lose_frames(path: Path) -> None:
     """Frames 7 and later are shown four frames later: as if four frames were lost."""
     late_path = path.with_name("gap.mp4")
