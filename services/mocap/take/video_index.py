@@ -15,6 +15,7 @@ from typing import NamedTuple
 import av
 import numpy as np
 from av.container import InputContainer
+from av.stream import Disposition
 from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation, VideoReformatter
 from av.video.stream import VideoStream
@@ -178,10 +179,14 @@ def opened_video(path: Path, options: dict[str, str] | None = None) -> InputCont
 
 
 def video_stream(container: InputContainer, path: Path) -> VideoStream:
-    """The first video stream, decoded on one thread; raises TakeError if there is none."""
-    if not container.streams.video:
+    """The video stream that the file marks as its default, else the first; raises TakeError if there is none.
+
+    It is decoded on one thread.
+    """
+    streams = container.streams.video
+    if not streams:
         raise TakeError(f"{path}: contains no video stream: expected a video")
-    stream = container.streams.video[0]
+    stream = next((stream for stream in streams if stream.disposition & Disposition.default), streams[0])
     stream.thread_type = "NONE"  # the services share the cores: more threads would only compete for them
     return stream
 

@@ -6,6 +6,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from av.stream import Disposition
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -233,6 +234,21 @@ def test_frames_of_other_containers_are_numbered_exactly(tmp_path: Path, name: s
     picker = PicturePicker(index)
     for frame in (20, 3, 4, 29):
         assert number_of(picker.read(frame)) == frame
+
+
+@pytest.mark.parametrize(("default", "read"), [(0, 0), (1, 1), (None, 0)])
+def test_of_two_streams_the_default_one_is_read(tmp_path: Path, default: int | None, read: int) -> None:
+    """Some recorders store a small copy of the video in front of it."""
+    with av.open(str(tmp_path / "x.mkv"), "w") as container:
+        for number in range(2):
+            stream = container.add_stream("mjpeg", rate=10)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+            stream.disposition = Disposition.default if number == default else Disposition(0)
+        for number, stream in enumerate(container.streams.video):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number), format="bgr24")))
+            container.mux(stream.encode(None))
+    with VideoReader(tmp_path / "x.mkv") as reader:
+        assert [number_of(picture) for picture in reader] == [read]
 
 
 @pytest.mark.parametrize(("codec", "lost", "ticks"), [("libx264", -1, 2), ("mjpeg", 10, 1)])
