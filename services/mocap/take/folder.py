@@ -194,7 +194,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
     cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
-    drift = drift_remark(indices, settings)
+    drift = drift_remark(indices, settings, is_stated=said.fps is not None) if in_step else None
     for name, index in indices.items() if decoded else ():
         check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():

@@ -108,7 +108,7 @@ class VideoReader:
             return decoder, next(islice(_to_the_end(decoder), first - keyframe, None), None)
         for packets in _beginnings(index, first, self._container, self._stream):
             decoder = _decoded(packets)
-            at_or_after = (f for f in _to_the_end(decoder) if f.pts is None or f.pts >= stamp)
+            at_or_after = (f for f in _to_the_end(decoder) if f.pts is not None and f.pts >= stamp)
             frame = next(at_or_after, None)
             if frame is not None and frame.pts == stamp:
                 break
@@ -137,7 +137,10 @@ def _beginnings(
         if first is not None and first.is_keyframe and _shown(first) <= stamp:
             yield chain([first], packets)
     container.seek(0)
-    yield dropwhile(lambda packet: packet.size and _shown(packet) != stamp, container.demux(stream))
+    yield dropwhile(
+        lambda packet: _shown(packet) < stamp or (index.keyframes and not packet.is_keyframe),
+        container.demux(stream),
+    )
 
 
 def _shown(packet: "Packet[VideoStream]") -> int:

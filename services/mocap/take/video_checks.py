@@ -87,8 +87,13 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
         )
 
 
-def drift_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings) -> str | None:
-    """A remark if videos, by camera, differ in rate so that they drift apart; raises TakeError if by far."""
+def drift_remark(
+    indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool
+) -> str | None:
+    """A remark if videos, by camera, differ in rate so that they drift apart; raises TakeError if by far.
+
+    is_stated: whether take.toml states the rate of all; then they may drift by any number of frames.
+    """
     frames = settings.frames
     if frames < 2 or not indices:
         return None
@@ -103,8 +108,8 @@ def drift_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings) -> s
         f"{indices[usual].path.name} at {rates[usual]:.6g}, so that they are {drift:.1f} frames apart after "
         f"{frames} frames: convert one of them ({_CONVERSION.format(rates[usual])})"
     )
-    if drift > _LARGEST_DRIFT + rounding:
-        raise TakeError(sentence)
+    if drift > _LARGEST_DRIFT + rounding and not is_stated:
+        raise TakeError(f"{sentence}, or state fps in {layout.SETTINGS} if they were recorded in step")
     return sentence
 
 

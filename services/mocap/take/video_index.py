@@ -8,6 +8,7 @@ from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
@@ -87,22 +88,18 @@ def index_video(path: Path) -> VideoIndex:
 def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
     with opened_video(path) as container:
         stream = video_stream(container, path)
-        packets = every = _packets(container, stream, path)
+        packets = _packets(container, stream, path)
         declared, unit_s = stream.frames, float(stream.time_base or 0)
         is_counted = _is_counted(container, stream)
         if container.format.name == "avi":
             declared = _declared_by_avi(stream, packets)
-    if len(packets) < declared:  # cut off, or an edit list hides frames: count all packets to know which
-        with opened_video(path, {"ignore_editlist": "1"}) as container:
-            every = _packets(container, video_stream(container, path), path)
-    whole = sum(packet.is_whole for packet in every)
-    if whole < max(declared, len(every), 1):
-        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
-    shown = [packet for packet in packets if not packet.is_hidden]
+    _check_whole(path, packets, declared)
+    frame = _first_frame(path, next((n for n, packet in enumerate(packets) if packet.is_key), 0))
+    quarter_turns = _quarter_turns(frame)
+    width, height = (frame.height, frame.width) if quarter_turns % 2 else (frame.width, frame.height)
+    shown = _shown(packets, frame.pts)
     stamps = sorted(packet.shown for packet in shown)
     keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
-    picture, quarter_turns, is_interlaced = _first_picture(path)
-    height, width = picture.shape[:2]
     return VideoIndex(
         path=path,
         width_px=width,
@@ -113,7 +110,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         repeats=frozenset(bisect_left(stamps, packet.shown) for packet in shown if packet.is_not_coded),
         is_turned=quarter_turns % 2 == 1,
         is_counted=is_counted,
-        is_interlaced=is_interlaced,
+        is_interlaced=frame.interlaced_frame,
     )
 
 
@@ -127,6 +124,7 @@ class _Packet(NamedTuple):
     is_hidden: bool
     """Decoded only because other frames need it, according to the file's edit list."""
     is_not_coded: bool
+    has_time: bool
 
     @classmethod
     def of(cls, packet: "av.Packet[VideoStream]", codec: str, *, is_counted: bool) -> "_Packet":
@@ -138,6 +136,7 @@ class _Packet(NamedTuple):
             is_whole=not packet.is_corrupt,
             is_hidden=packet.is_discard,
             is_not_coded=codec in _CODECS_WITH_NOT_CODED and packet.size <= _LONGEST_NOT_CODED,
+            has_time=packet.pts is not None or packet.dts is not None,
         )
 
 
@@ -152,6 +151,27 @@ def _packets(container: InputContainer, stream: VideoStream, path: Path) -> list
         return [_Packet.of(packet, codec, is_counted=is_counted) for packet in every if packet.size]
     except av.error.FFmpegError:
         raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
+
+
+def _check_whole(path: Path, packets: list[_Packet], declared: int) -> None:
+    if len(packets) < declared:  # cut off, or an edit list hides frames: count all packets to know which
+        with opened_video(path, {"ignore_editlist": "1"}) as container:
+            packets = _packets(container, video_stream(container, path), path)
+    whole = sum(packet.is_whole for packet in packets)
+    if whole < max(declared, len(packets), 1):
+        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
+
+
+def _shown(packets: list[_Packet], first: int | None) -> list[_Packet]:
+    """The packets whose pictures players show, given the stamp of the first picture that can be decoded.
+
+    Where a file was cut without coding it anew, pictures before its first keyframe may need others that were
+    cut away; Matroska gives them no time.
+    """
+    timed = [packet for packet in packets if packet.has_time] or packets
+    key = next((packet for packet in timed if packet.is_key), timed[0]).shown
+    begin = key if first is None else min(key, first)
+    return [packet for packet in timed if not packet.is_hidden and packet.shown >= begin]
 
 
 def _declared_by_avi(stream: VideoStream, packets: list[_Packet]) -> int:
@@ -191,17 +211,18 @@ def video_stream(container: InputContainer, path: Path) -> VideoStream:
     return stream
 
 
-def _first_picture(path: Path) -> tuple[Bytes, int, bool]:
-    """The first picture that can be decoded, upright, by how many quarter turns it was turned, and whether it
-    is interlaced."""
+def _first_frame(path: Path, skipped: int) -> VideoFrame:
+    """The first frame that can be decoded, without the first `skipped` packets."""
     with opened_video(path) as container:
+        packets = islice(container.demux(video_stream(container, path)), skipped, None)
         try:
-            frame = next(container.decode(video_stream(container, path)), None)
+            frames = (frame for packet in packets for frame in packet.decode() if not frame.is_corrupt)
+            frame = next(frames, None)
         except av.error.FFmpegError:
             frame = None
         if frame is None:
             raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
-        return bgr_picture(frame, VideoReformatter()), _quarter_turns(frame), frame.interlaced_frame
+        return frame
 
 
 def bgr_picture(

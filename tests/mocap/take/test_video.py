@@ -107,27 +107,56 @@ def test_frames_that_an_edit_list_hides_are_not_counted(video: Path, tmp_path: P
         assert [number_of(picture) for picture in reader] == list(range(hidden + 7, hidden + 20))
 
 
-@pytest.mark.parametrize(
-    ("codec", "options"),
-    [
-        ("libx264", {"x264-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:bframes=4"}),
-        ("libx265", {"x265-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:log-level=none"}),
-    ],
-)
-def test_frames_shown_before_their_keyframe_are_found(
-    tmp_path: Path, codec: str, options: dict[str, str]
-) -> None:
-    path = tmp_path / "open.mp4"
+_OPEN = {
+    "libx264": {"x264-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:b-adapt=0:bframes=3"},
+    "libx265": {
+        "x265-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:b-adapt=0:bframes=3:log-level=none"
+    },
+}
+
+
+def encode_open(path: Path, codec: str) -> None:
+    """Numbered pictures with a keyframe every 20, before which frames are shown that need it."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=15, options=options)
+        stream = container.add_stream(codec, rate=15, options=_OPEN[codec])
         assert isinstance(stream, av.VideoStream)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for frame in range(N_FRAMES):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(frame), format="bgr24")))
         container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("codec", _OPEN)
+def test_frames_shown_before_their_keyframe_are_found(tmp_path: Path, codec: str) -> None:
+    path = tmp_path / "open.mp4"
+    encode_open(path, codec)
     for start in (1, 17, 18, 19, 20, 21, 39, 58, 69):
         with VideoReader(path, start) as reader:
             assert [number_of(picture) for picture in reader] == list(range(start, N_FRAMES))
+
+
+@pytest.mark.parametrize("name", ["cut.mkv", "cut.ts"])
+@pytest.mark.parametrize("begins_with_keyframe", [True, False])
+def test_frames_that_a_cut_without_coding_anew_made_undecodable_are_left_out(
+    tmp_path: Path, name: str, begins_with_keyframe: bool
+) -> None:
+    encode_open(tmp_path / "open.mp4", "libx265")
+    with av.open(str(tmp_path / "open.mp4")) as source, av.open(str(tmp_path / name), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        packets = [packet for packet in source.demux(video=0) if packet.size]
+        key = [n for n, packet in enumerate(packets) if packet.is_keyframe][1]
+        begin = packets[key if begins_with_keyframe else 5].pts or 0
+        for packet in packets[key if begins_with_keyframe else 5 :]:
+            packet.pts, packet.dts = (packet.pts or 0) - begin, (packet.dts or 0) - begin
+            packet.stream = stream
+            target.mux(packet)
+    index = index_video(tmp_path / name)
+    np.testing.assert_allclose(np.diff(index.times_s), 1 / 15, atol=2e-3)
+    for start in (0, 1, 19, 20, 45):
+        with VideoReader(index, start) as reader:
+            assert [number_of(picture) for picture in reader] == list(range(20 + start, N_FRAMES))
+    picker = PicturePicker(index)
+    assert [number_of(picker.read(frame)) for frame in (40, 0, 19)] == [60, 20, 39]
 
 
 def test_a_damaged_frame_is_named_and_none_passed_over(video: Path, tmp_path: Path) -> None:
