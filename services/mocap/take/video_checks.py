@@ -87,9 +87,7 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
         )
 
 
-def drift_remark(
-    indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool
-) -> str | None:
+def drift_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool) -> str | None:
     """A remark if videos, by camera, differ in rate so that they drift apart; raises TakeError if by far.
 
     is_stated: whether take.toml states the rate of all; then they may drift by any number of frames.
