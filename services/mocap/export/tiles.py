@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,13 +116,22 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | 
     """
     size = _fitting(segment_mask.shape, grid)
     drawn, fill = _resized(picture, size), _resized(_FILL[segment_mask], size)
-    x, y, width, height = cv2.boundingRect(fill[..., 3])
-    about = np.s_[y : y + height, x : x + width]
-    coverage = fill[about][..., 3:] / np.float32(255.0)
-    drawn[about] = np.rint(drawn[about] * (1.0 - _OPACITY * coverage) + _OPACITY * fill[about][..., :3])
+    _lay_over(drawn, fill)
     _hatch(drawn, doubtful)
     _outline(drawn, fill[..., 3], _OUTLINE_BGR)
     return _centred(drawn, grid)
+
+
+@numba.njit(cache=True, nogil=True)
+def _lay_over(picture: Bytes, fill: Bytes) -> None:
+    """Lay a fill (H, W, 4), three colours times its coverage and the coverage, 0 to 255, over a picture
+    (H, W, 3)."""
+    for y in range(fill.shape[0]):
+        for x in range(fill.shape[1]):
+            if fill[y, x, 3] > 0:
+                left = 1.0 - _OPACITY * fill[y, x, 3] / 255.0
+                for k in range(3):
+                    picture[y, x, k] = np.uint8(np.rint(left * picture[y, x, k] + _OPACITY * fill[y, x, k]))
 
 
 def draw_difference(
