@@ -11,7 +11,6 @@ from itertools import product
 import numpy as np
 
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
-from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.search.chains import LIMBS, pixel_scale
 from services.mocap.search.error_by_part import PART_SEGMENTS
@@ -52,43 +51,17 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class Choices:
+class _Choices:
     """The poses that a frame may have."""
 
     poses: Floats
     """(K, D)"""
-    joints_m: Floats
-    """(K, J, 3) of those joints whose movement counts."""
     of_other: Mask
     """(K, 6) which of PARTS are of the other pose."""
     energies_px: Floats
     """(K,)"""
     apart_m: Floats
     """(6,)"""
-
-    @classmethod
-    def of(
-        cls,
-        model: Model,
-        settings: SearchSettings,
-        seen: TriPlanes,
-        one: Floats,
-        other: Floats,
-        absent: Collection[int] = (),
-    ) -> "Choices":
-        """The poses that have the trunk and each limb of one of two poses (D,), and what they cost in a frame
-        with silhouettes `seen` (P, H, W), with what limbs inside others or in unusual poses cost.
-
-        absent: cameras that do not count.
-        """
-        offsets_m = model.body.offsets_m
-        off_m = apart_m(one, other, offsets_m)
-        poses, of_other = _mixtures(one, other, off_m > SAME_M)
-        picture, settings = model.without_cameras(seen, absent, settings)
-        energy_px = whole_body_energy(model, picture, settings)
-        energies_px = energy_px(poses) + model.aligner(settings).prices_px(poses, settings)
-        joints_m = joint_positions(poses, offsets_m)[:, _MOVING]
-        return cls(poses, joints_m, of_other, np.asarray(energies_px), off_m)
 
     def chosen(self, at: int, scale: float) -> Chosen:
         """One of them, beside the others."""
@@ -99,25 +72,35 @@ class Choices:
 
 
 class PathSearch:
-    """Finds the best path through the choices of consecutive frames, in either direction of time."""
+    """Finds the best path through two poses of each of a sequence of frames, in either direction of time."""
 
-    def __init__(self, rig: Rig) -> None:
-        self._scale = pixel_scale(rig)
-        self._choices: list[Choices] = []
+    def __init__(self, model: Model, settings: SearchSettings) -> None:
+        self._model, self._settings, self._scale = model, settings, pixel_scale(model.rig)
+        self._choices: list[_Choices] = []
         self._from: list[Ints] = []
         """(K,) of every frame, which choice of the frame before leads to each of its own."""
         self._costs: Floats = np.zeros(1)
         """(K,) of the best path to each choice of the last frame."""
+        self._joints_m: Floats = np.zeros((1, len(_MOVING), 3))
 
-    def add(self, choices: Choices) -> None:
-        """Add the next frame."""
-        steps = np.broadcast_to(self._costs, (len(choices.poses), len(self._costs)))
+    def add(self, seen: TriPlanes, one: Floats, other: Floats, absent: Collection[int] = ()) -> None:
+        """Add the next frame, whose silhouettes are `seen` (P, H, W), with two poses (D,) of it.
+
+        absent: cameras that do not count.
+        """
+        offsets_m = self._model.body.offsets_m
+        off_m = apart_m(one, other, offsets_m)
+        poses, of_other = _mixtures(one, other, off_m > SAME_M)
+        joints_m = joint_positions(poses, offsets_m)[:, _MOVING]
+        steps = np.broadcast_to(self._costs, (len(poses), len(self._costs)))
         if self._choices:
-            moved_m = np.linalg.norm(choices.joints_m[:, None] - self._choices[-1].joints_m, axis=-1)
+            moved_m = np.linalg.norm(joints_m[:, None] - self._joints_m, axis=-1)
             steps = steps + _MOVE_PX * self._scale * np.minimum(moved_m, _MOST_MOVED_M).sum(axis=-1)
         self._from.append(steps.argmin(axis=1))
-        self._costs = steps.min(axis=1) + choices.energies_px
-        self._choices.append(choices)
+        energies_px = self._energies_px(seen, poses, absent)
+        self._costs = steps.min(axis=1) + energies_px
+        self._choices.append(_Choices(poses, of_other, energies_px, off_m))
+        self._joints_m = joints_m
 
     def best(self) -> list[Chosen]:
         """The best path, in the order in which frames were added."""
@@ -126,6 +109,12 @@ class PathSearch:
             path.append(choices.chosen(at, self._scale))
             at = int(came_from[at])
         return path[::-1]
+
+    def _energies_px(self, seen: TriPlanes, poses: Floats, absent: Collection[int]) -> Floats:
+        """(K,) what poses (K, D) cost in a frame, with what limbs inside others or in unusual poses cost."""
+        picture, settings = self._model.without_cameras(seen, absent, self._settings)
+        energy = whole_body_energy(self._model, picture, settings)
+        return np.asarray(energy(poses) + self._model.aligner(settings).prices_px(poses, settings))
 
 
 def apart_m(one: Floats, other: Floats, offsets_m: Floats) -> Floats:

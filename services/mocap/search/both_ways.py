@@ -6,14 +6,13 @@ tracks.
 """
 
 from collections.abc import Iterator
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
-from services.mocap.search.best_path import Choices, Chosen, PathSearch
+from services.mocap.search.best_path import Chosen, PathSearch
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import align_alone
@@ -59,12 +58,8 @@ def solve_both_ways(
     frames are solved, one with it. So the caller can do other work, or end it. Frames are settled a few
     ahead, on several threads.
     """
-    last, choices = len(forward) - 1, list[Future[Choices]]()
+    last, path = len(forward) - 1, PathSearch(model, settings)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
-
-    def both_of(copy: Model, ways: tuple[TriPlanes, Floats, Floats]) -> Choices:
-        return Choices.of(copy, settings, *ways)
-
     yield Step("tracking back", last)
     start = found_anew(model, settings, limbs, seen[last], forward[last])
     tracker = Tracker(model, settings, limbs, start[None])
@@ -76,10 +71,7 @@ def solve_both_ways(
         is_thorough = frame == last or frame % thorough_every == 0
         planes = seen[frame]
         back = tracker.solve(planes, other=forward[frame], thorough=is_thorough)
-        choices.append(model.copies.start(both_of, (planes, forward[frame], back.pose)))
-    path = PathSearch(model.rig)
-    for future in choices:
-        path.add(future.result())
+        path.add(planes, forward[frame], back.pose)
     best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.search.best_path import Choices, PathSearch
+from services.mocap.search.best_path import PathSearch
 from services.mocap.search.both_ways import Step
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
@@ -77,7 +77,7 @@ class FixedLag:
             yield from self.unchanged(n_settled)
             return
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
-        path = PathSearch(self._model.rig)
+        path = PathSearch(self._model, self._settings)
         trust.recall(frames[0].memory)
         yield from self._track_back(frames, path)
         for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
@@ -108,17 +108,14 @@ class FixedLag:
         frame that was settled last."""
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
         poses = [frames[-1].solution.pose]
-        path.add(self._choices(frames[-1], poses[0]))
+        path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
         for k in reversed(range(len(frames) - 1)):
             yield Step("tracking back", self._first_frame + k)
             poses.append(self._solve(frames[k], extrapolated(poses[-2:]), trust).pose)
-            path.add(self._choices(frames[k], poses[-1]))
+            path.add(frames[k].seen, frames[k].solution.pose, poses[-1], frames[k].absent)
         if self._before is not None:
-            path.add(self._choices(self._before, self._before.solution.pose))
-
-    def _choices(self, frame: Tracked, back: Floats) -> Choices:
-        forward = frame.solution.pose
-        return Choices.of(self._model, self._settings, frame.seen, forward, back, frame.absent)
+            pose = self._before.solution.pose
+            path.add(self._before.seen, pose, pose, self._before.absent)
 
     def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
         picture, settings = self._model.without_cameras(frame.seen, frame.absent, self._settings)

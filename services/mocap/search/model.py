@@ -89,28 +89,23 @@ class ModelCopies:
         for _ in range(self._n):
             self._models.put(Model(model.body, model.rig, CpuBackend(model.body, model.rig)))
 
-    def start(self, work: Callable[[Model, _Given], _Made], given: _Given) -> Future[_Made]:
-        """Begin some work with a copy; it waits while all copies are at work."""
-
-        def with_copy() -> _Made:
-            model = self._models.get()
-            try:
-                return work(model, given)
-            finally:
-                self._models.put(model)
-
-        return self._pool.submit(with_copy)
-
     def each(self, work: Callable[[Model, _Given], _Made], given: Iterable[_Given]) -> Iterator[_Made]:
         """What work makes of each, in order; the caller's thread reads what is given a little ahead.
 
         Raises what the work raises.
         """
 
+        def with_copy(one: _Given) -> _Made:
+            model = self._models.get()
+            try:
+                return work(model, one)
+            finally:
+                self._models.put(model)
+
         waiting = deque[Future[_Made]]()
         try:
             for one in given:
-                waiting.append(self.start(work, one))
+                waiting.append(self._pool.submit(with_copy, one))
                 if len(waiting) == 2 * self._n:
                     yield waiting.popleft().result()
             while waiting:

@@ -10,7 +10,7 @@ import pytest
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
-from services.mocap.search.best_path import Choices, PathSearch, apart_m, corrected_frames
+from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
 from services.mocap.search.both_ways import Step, solve_both_ways
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.contour_search import solve_by_contours
@@ -46,9 +46,9 @@ def without(poses: Floats, limb: LimbName, frames: slice, standing: Callable[...
 
 
 def best_of(model: Model, seen: list[TriPlanes], one: Floats, other: Floats) -> Floats:
-    search = PathSearch(model.rig)
-    for of_frame in zip(seen, one, other, strict=True):
-        search.add(Choices.of(model, SETTINGS, *of_frame))
+    search = PathSearch(model, SETTINGS)
+    for planes, pose, rival in zip(seen, one, other, strict=True):
+        search.add(planes, pose, rival)
     return np.array([chosen.pose for chosen in search.best()])
 
 
