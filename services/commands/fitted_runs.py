@@ -105,7 +105,7 @@ def fit_and_track(
         return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 
 
-def track_given(job: TakeJob, remarks: Sequence[str], *, goes_on: bool) -> dict[str, Any]:
+def track_given(job: TakeJob, remarks: Sequence[str] = (), *, goes_on: bool) -> dict[str, Any]:
     """Track with the body and first poses of job.fitted, or else of the take, and print these remarks;
     goes_on: as in fit_and_track."""
     record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
