@@ -113,6 +113,7 @@ def track_given(job: TakeJob, remarks: Sequence[str] = (), *, goes_on: bool) -> 
         job = forwards(job)
     actor = take_actor(job.take) if goes_on and job.fitted is None else None
     if actor is not None and (report := _tracked_before(job, actor)) is not None:
+        warn(not_told(remarks, job.checks))
         return report
     return track_with_bar(job, remarks)
 

@@ -121,7 +121,7 @@ def track(
         fits, again = _steps(job, fits_mesh=mesh is not None, fit_first=fit_first, refine=refine)
         say(ENERGY_IN_WORDS, stderr)  # which the bars show
         if again:
-            _ = silhouettes.remarks  # services read what was learnt, and remark nothing
+            _ = silhouettes.remarks  # a service that reads what was learnt remarks nothing
             job = replace(job, kept=Path(kept))
         forks = fork_server(job.kinds, Path(kept))  # it loads code while the actor is fitted
         if forks is not None:

@@ -117,6 +117,8 @@ class Session:
         self._outgoing.begin_frame()
         self._overhead.begin()
         for number, (frame, aligned) in enumerate(self._frames_ahead(tracking), self._solved_end):
+            if self._stop and not self._incoming.is_live:  # several recorded frames may have been read ahead
+                break
             about(frame=number)
             self._publish(number, frame, self._solve(number, frame, tracking, aligned), tracking)
         if self._solved_end < self._plan.frames.stop:  # a stop was requested, or live input has ended

@@ -37,10 +37,11 @@ def disk_errors_of(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        is_copy = isinstance(problem, shutil.Error)  # of several files, without a number
-        if not is_copy and problem.errno not in _OF_DISK:
+        # An error of copying several files has no number, but a list of what was said of each.
+        copies = problem.args[0] if isinstance(problem, shutil.Error) else None
+        if problem.errno not in _OF_DISK and not isinstance(copies, list):
             raise
-        reason = "files could not be copied" if is_copy else problem.strerror
+        reason = copies[0][2] if isinstance(copies, list) else problem.strerror
         remedy = "free some disk space, or choose another folder"
         raise UserError(f"{target}: cannot be written ({reason}): {remedy}") from None
 

@@ -27,7 +27,7 @@ class TakeSilhouettes:
     """The silhouettes of a take for all steps of a command: learnt once, when they are first needed."""
 
     def __init__(self, take: Take, segmenter: str = AUTO, kept: Path | None = None) -> None:
-        """kept: a folder for silhouettes once made; see make_segmenter."""
+        """kept: a folder for silhouettes once made, and what was learnt for them; see make_segmenter."""
         self.take, self.name, self._kept = take, segmenter, kept
         self._plate_checks: list[PlateCheck] = []
         self.backgrounds = {

@@ -35,8 +35,8 @@ class TakeJob(Job):
     fitted: Path | None = None
     """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
     kept: Path | None = None
-    """A folder for silhouettes, if the take is tracked again: each is made only once. If all frames of the
-    take are tracked, the next run need not learn the stage either; see make_segmenter."""
+    """A folder for silhouettes, and for what was learnt for them, if the take is tracked again: each is made
+    only once; see make_segmenter."""
     endpoint: str | None = None
     """Where the coordinator listens; None: at free ports."""
     checks: tuple[Cause, ...] = ()
@@ -108,8 +108,11 @@ def _completed(folder: Path, job: TakeJob) -> dict[str, Any]:
         report["settings"]["segmenter"] = chosen_segmenter(job.take, job.segmenter)
         is_its_fit = "fit" in report
     if is_its_fit and job.fitted is not None:
-        shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
-        with atomic_folder(folder / FIT_FOLDER) as part:
+        copy = folder / f".{FIT_FOLDER}"
+        shutil.rmtree(copy, ignore_errors=True)
+        with atomic_folder(copy) as part:
             shutil.copytree(job.fitted, part, dirs_exist_ok=True)
             part.chmod(folder.stat().st_mode)  # a temporary folder is closed to others
+        shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
+        copy.replace(folder / FIT_FOLDER)
     return report

@@ -164,7 +164,9 @@ def main(
     ] = None,
     kept: Annotated[
         Path | None,
-        typer.Option(help="Folder in which a run keeps the silhouettes of its cameras, for its next step."),
+        typer.Option(
+            help="Folder for the silhouettes of one take and segmenter, and what was learnt for them."
+        ),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:

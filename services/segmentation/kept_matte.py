@@ -3,26 +3,29 @@
 import os
 import pickle  # noqa: TID251  (of a folder that only this user can write)
 import shutil
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from services.mocap.atomic import write_file
+from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.segmentation.joint import JointMatte
 from services.segmentation.silhouettes import GroupMatte
 
-_FILE = "learnt.pickle"
 _MOST_OF_DISK = 0.25
 """Share of the free space that it may take: eight cameras need 75 MB in 320x240, 240 MB in 640x480."""
 
 
-def learnt_once(folder: Path, learn: Callable[[], GroupMatte]) -> GroupMatte:
-    """The matte in a folder; without one it is learnt, and a JointMatte is put there if there is room.
+def learnt_once(folder: Path, cameras: Sequence[Camera], learn: Callable[[], GroupMatte]) -> GroupMatte:
+    """The matte of some cameras in a folder, which is always of one take and segmenter; without one it is
+    learnt, and a JointMatte is put there if there is room.
 
     A folder that others can write into is not used: a pickle can run anything.
     """
-    path = folder / _FILE
+    names = "\n".join(camera.name for camera in cameras)
+    path = folder / f"learnt-{zlib.crc32(names.encode()):08x}.pickle"
     if path.exists() and _is_private(folder):
         matte: GroupMatte = pickle.loads(path.read_bytes())  # noqa: S301
         return matte

@@ -101,7 +101,7 @@ def make_segmenter(
     known = backgrounds or {}
     of_cameras = [known.get(camera.name) or CameraBackground(take, camera) for camera in cameras]
     learn = partial(_matte_of_take, take, cameras, chosen, later, of_cameras)
-    matte = cache(learn if kept is None else partial(learnt_once, kept, learn))
+    matte = cache(learn if kept is None else partial(learnt_once, kept, cameras, learn))
     kept_trimaps = None if kept is None else KeptTrimaps(kept, cameras)
     if kept_trimaps is None or not kept_trimaps.has_all(take.settings.frames):
         matte()

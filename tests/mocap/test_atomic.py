@@ -41,7 +41,7 @@ def test_a_full_disk_is_one_sentence(
     assert not list(tmp_path.iterdir())
     with pytest.raises(UserError) as refused, atomic(target):
         raise shutil.Error([("one", "other", "[Errno 28] No space left on device")])
-    assert str(refused.value) == f"{target}: cannot be written (files could not be copied): {remedy}"
+    assert str(refused.value) == f"{target}: cannot be written ([Errno 28] No space left on device): {remedy}"
     with pytest.raises(FileNotFoundError), atomic(target):
         (tmp_path / "nothing").read_text()
 

@@ -269,7 +269,7 @@ def _silhouettes_expected(folder: Path, ahead: int, stated: int | None) -> str:
     """The frames of which there should be a silhouette, and what files of other names should be named."""
     begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
     files, first = files_of(folder, (".png",)), layout.silhouette_path(folder, 0)
-    if not files or files[0] != first:
+    if not files or files[0] not in {layout.silhouette_path(folder, frame) for frame in range(ahead + 1)}:
         there = f"the first file there is {files[0].name}" if files else "there is no PNG picture"
         following = layout.silhouette_path(folder, 1).name
         return f"each frame{begin}, named {first.name}, {following} and so on, but {there}"

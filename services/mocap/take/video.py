@@ -131,12 +131,17 @@ def _beginnings(
     keyframe, decoding_stamp = index.keyframe_before(frame)
     stamp = index.stamps[keyframe]
     for begin_at in (stamp, decoding_stamp):  # some formats seek by decoding time
-        container.seek(begin_at, stream=stream)
-        packets = container.demux(stream)
-        first = next(packets, None)
+        first = None
+        with suppress(av.error.FFmpegError):
+            container.seek(begin_at, stream=stream)
+            packets = container.demux(stream)
+            first = next(packets, None)
         if first is not None and first.is_keyframe and _shown(first) <= stamp:
             yield chain([first], packets)
-    container.seek(0)
+    try:
+        container.seek(0)
+    except av.error.FFmpegError:
+        raise TakeError(f"{index.path}: frame {frame} cannot be decoded: {COPY_AGAIN}") from None
     yield dropwhile(
         lambda packet: _shown(packet) < stamp or (index.keyframes and not packet.is_keyframe),
         container.demux(stream),
@@ -205,12 +210,11 @@ class PicturePicker:
 
     def _find_anew(self, frame: int) -> VideoFrame | None:
         """A frame, reading from the keyframe before it; None if it was not found."""
-        with suppress(av.error.FFmpegError):
-            for packets in _beginnings(self._index, frame, self._container, self._stream):
-                self._packets = packets
-                self._decoded.clear()
-                if (found := self._find(frame)) is not None:
-                    return found
+        for packets in _beginnings(self._index, frame, self._container, self._stream):
+            self._packets = packets
+            self._decoded.clear()
+            if (found := self._find(frame)) is not None:
+                return found
         return None
 
     def _find(self, frame: int) -> VideoFrame | None:

@@ -178,12 +178,15 @@ def _declared_by_avi(stream: VideoStream, packets: list[_Packet]) -> int:
     """How many frames an AVI file should have, which is what it has unless it ends early.
 
     Its header counts moments, also those without a frame: where one was dropped, or all odd ones. FFmpeg
-    shortens the duration of a file that is smaller than its header says.
+    shortens the duration of a file that is smaller than its header says; after a damaged frame the following
+    ones come too early, and the last one before the end.
     """
-    if (stream.duration or 0) >= stream.frames:
-        return len(packets)
     steps = np.diff([packet.decoded for packet in packets])
-    return ceil(stream.frames / max(1.0, float(np.median(steps)))) if len(steps) else stream.frames
+    step = max(1.0, float(np.median(steps))) if len(steps) else 1.0
+    end = packets[-1].decoded + step if packets else 0.0
+    if min(stream.duration or 0, end) >= stream.frames:
+        return len(packets)
+    return ceil(stream.frames / step)
 
 
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:

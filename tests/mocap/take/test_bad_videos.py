@@ -1,3 +1,4 @@
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -243,3 +244,24 @@ def test_a_video_without_its_index(small_take: SmallTake, refusal: Refusal, cut:
         "videos/cam02.mp4: cannot be read as a video (empty, cut off before its index, no video): "
         "copy or record it again"
     )
+
+
+def test_an_avi_with_a_damaged_frame_in_its_middle_is_refused(
+    small_take: SmallTake, refusal: Refusal
+) -> None:
+    """What comes after it would be a frame early."""
+    folder = small_take(frames=60)
+    (folder / "videos/cam02.mp4").unlink()
+    path = folder / "videos/cam02.avi"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        for n in range(60):
+            picture = np.full((48, 64, 3), 4 * n, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    content = bytearray(path.read_bytes())
+    at = [match.start() for match in re.finditer(b"00dc", bytes(content))][30]
+    content[at - 10 : at + 8] = b"?" * 18
+    path.write_bytes(bytes(content))
+    assert "cut off after 5" in refusal(folder)
