@@ -19,6 +19,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.detail.bound import farthest_bound
 from services.mocap.energy.detail.distance import farthest_point, tree_of
 from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
 from services.mocap.energy.picture import Region
@@ -216,3 +217,20 @@ def test_any_lump_keeps_within_the_error(seed: int, rough_m: float, radius_m: fl
     faces = np.array(ball.faces, np.int32)
     levels = thinned_levels(vertices_m, faces, (error_m, 2 * error_m))
     _assert_sound(vertices_m, faces, levels, (2 * error_m,))
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_the_bound_is_tight_and_never_too_small(seed: int) -> None:
+    """Against triangles that lie anywhere: dense samples come close to the bound, and none lies beyond it."""
+    rng = np.random.default_rng(seed)
+    source, target = rng.uniform(0, 1, (9, 3)), rng.uniform(0, 1, (30, 3))
+    source_faces, target_faces = (
+        np.arange(9, dtype=np.int32).reshape(3, 3),
+        np.arange(30, dtype=np.int32).reshape(10, 3),
+    )
+    tree = tree_of(target, target_faces)
+    bound = farthest_bound(source[source_faces], tree, 0.02, np.inf)
+    farthest = farthest_point(_sampled(source, source_faces, 20000), tree)
+    assert farthest <= bound + 1e-9
+    assert bound <= max(1.02 * (farthest + 0.03), 0.02)

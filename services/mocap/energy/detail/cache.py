@@ -20,7 +20,7 @@ from services.mocap.side_by_side import N_CORES
 
 log = logging.getLogger(__name__)
 
-_FORMAT = 2
+_FORMAT = 1
 """Raise it whenever meshes are thinned in another way."""
 _MOST_BODIES = 64
 """Those used last are kept, at about 300 KB each."""

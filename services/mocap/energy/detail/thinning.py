@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from services.mocap.body.surface import FEWEST_FACES, Level, is_closed, volume_m3
+from services.mocap.energy.detail.bound import farthest_bound
 from services.mocap.energy.detail.distance import Tree, farthest_point, tree_of
 from services.mocap.types import Floats, Ints
 
@@ -21,11 +22,9 @@ ERRORS_M = (0.0015, 0.003, 0.006, 0.012)
 """Half a pixel at 4 m for pictures 1280, 640, 320 and 160 pixels wide."""
 _WORTH = 0.7  # of the faces of the level before: what has more is not worth having
 _TRIES = 6  # to guess the number of faces
-_MEASURED = 4  # times, from a number of faces that may do
+_PROOFS = 4  # that a number of faces will do
 _CLOSE = 0.86  # of the error allowed: near enough
-_PARTS_OF_A_SIDE, _BETWEEN_SAMPLES = 6, 1.03
-"""In so many parts a side of a thinned triangle is sampled, and how much farther a point between samples may
-be off: 2.8 % was the most over two bodies' levels."""
+_ENOUGH = 0.9  # of the error allowed: smaller ones are not told apart
 _AIM = 0.95  # of the error allowed, when guessing a number of faces
 _HASTE = 6.0  # of the thinning: with more, the allowed cost of a step grows faster
 _LARGEST_SHIFT = 1.0 / 6.0  # of the error allowed, when a mesh is given its area back
@@ -38,8 +37,7 @@ class _Full:
 
     vertices_m: Floats
     faces: Ints
-    middles_m: Floats
-    """(N, 3) the vertices, and the middles of the edges."""
+    corners_m: Floats
     tree: Tree
     area_m2: float
 
@@ -49,8 +47,9 @@ class _Full:
         used, compact = np.unique(faces, return_inverse=True)
         kept_m = np.ascontiguousarray(vertices_m[used], np.float64)
         kept_faces = compact.reshape(-1, 3).astype(np.int32)
+        corners_m = kept_m[kept_faces]
         area_m2 = float(_normals_and_area(kept_m, kept_faces)[1])
-        return cls(kept_m, kept_faces, _sampled(kept_m, kept_faces, 2), tree_of(kept_m, kept_faces), area_m2)
+        return cls(kept_m, kept_faces, corners_m, tree_of(kept_m, kept_faces), area_m2)
 
 
 def thinned_levels(vertices_m: Floats, faces: Ints, errors_m: Sequence[float] = ERRORS_M) -> list[Level]:
@@ -77,14 +76,14 @@ def thinned_levels(vertices_m: Floats, faces: Ints, errors_m: Sequence[float] = 
 def _coarsest(full: _Full, error_m: float, guess: float, most: int) -> Level | None:
     """The level of about the fewest faces that stays within error_m; None if it has more faces than most."""
     n_faces = _fewest_likely(full, error_m, guess, most)
-    for _ in range(_MEASURED):
+    for _ in range(_PROOFS):
         if n_faces > most:
             break
         vertices_m, faces = _thinned(full, n_faces, error_m)
         if len(faces) <= most and _estimated_error(full, vertices_m, faces) <= error_m:
-            measured_m = _measured_error(full, vertices_m, faces)
-            if measured_m <= error_m:
-                return Level(vertices_m, faces, measured_m)
+            bound_m = _bounded_error(full, vertices_m, faces, error_m)
+            if bound_m <= error_m:
+                return Level(vertices_m, faces, bound_m)
         n_faces = max(len(faces), n_faces) * 8 // 7 + 1
     return None
 
@@ -117,17 +116,13 @@ def _estimated_error(full: _Full, vertices_m: Floats, faces: Ints) -> float:
     return float(farthest_point(full.vertices_m, tree_of(vertices_m, faces)))
 
 
-def _measured_error(full: _Full, vertices_m: Floats, faces: Ints) -> float:
-    """How far either surface lies from the other, by samples: a little more than they say."""
-    there = farthest_point(full.middles_m, tree_of(vertices_m, faces))
-    back = farthest_point(_sampled(vertices_m, faces, _PARTS_OF_A_SIDE), full.tree)
-    return _BETWEEN_SAMPLES * float(max(there, back))
-
-
-def _sampled(vertices_m: Floats, faces: Ints, n: int) -> Floats:
-    """Points (N, 3) of a surface: the corners of the n² equal parts of each triangle."""
-    shares = np.array([(i, j, n - i - j) for i in range(n + 1) for j in range(n + 1 - i)]) / n
-    return np.asarray(np.einsum("kc,fcx->fkx", shares, vertices_m[faces]).reshape(-1, 3))
+def _bounded_error(full: _Full, vertices_m: Floats, faces: Ints, error_m: float) -> float:
+    """An upper bound of how far either surface lies from the other; infinite if it is beyond error_m."""
+    enough_m = _ENOUGH * error_m
+    bound_m = farthest_bound(full.corners_m, tree_of(vertices_m, faces), enough_m, error_m)
+    if bound_m > error_m:
+        return np.inf
+    return float(max(bound_m, farthest_bound(vertices_m[faces], full.tree, enough_m, error_m)))
 
 
 def _thinned(full: _Full, n_faces: int, error_m: float) -> tuple[Floats, Ints]:
