@@ -196,6 +196,6 @@ def blamed_first(checks: Sequence[Cause]) -> Iterator[None]:
 
 
 def not_told(warnings: Sequence[str], checks: Sequence[Cause]) -> list[str]:
-    """The warnings that the checks have not printed."""
+    """The warnings that the checks have not printed, each once."""
     told = {str(cause) for cause in checks}
-    return [sentence for sentence in warnings if sentence not in told]
+    return [sentence for sentence in dict.fromkeys(warnings) if sentence not in told]

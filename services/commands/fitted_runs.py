@@ -101,6 +101,7 @@ def fit_and_track(
         if goes_on and found.frames[0] == first.start:
             job = forwards(job)
         if goes_on and (report := _tracked_before(job, found.actor)) is not None:
+            warn(not_told(found.warnings, job.checks))
             return report
         return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 

@@ -22,6 +22,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.fit_record import read_learnt
 from services.mocap.take.folder import Take
+from services.mocap.take.layout import nfc
 from services.mocap.take.live import LiveTake, open_source
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import STOP_CHECK_S, StopRequest, run_service
@@ -144,7 +145,7 @@ class Sender:
 def _choose(take: Take, names: str) -> list[int]:
     """Camera indices from names separated by commas, each once; empty: all."""
     known = take.camera_names
-    wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip())) or known
+    wanted = list(dict.fromkeys(nfc(name.strip()) for name in names.split(",") if name.strip())) or known
     for name in wanted:
         if name not in known:
             raise UserError(f"--cameras {name}: {take.folder} has no such camera: {nearest(name, known)}")

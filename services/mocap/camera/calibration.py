@@ -9,15 +9,18 @@ from typing import Annotated, Literal, TypeAlias
 import cv2
 import numpy as np
 import tomli_w
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from services.mocap.atomic import atomic_folder, write_file
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, validated
+from services.mocap.take.layout import nfc
 from services.mocap.types import Floats
 
 Up: TypeAlias = Literal["y", "z"]
+CameraName: TypeAlias = Annotated[str, AfterValidator(nfc)]
+"""A camera's name as it is compared, however a file spells it."""
 
 _Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 _ThreeByThree: TypeAlias = Annotated[list[_Three], Field(min_length=3, max_length=3)]
@@ -32,7 +35,7 @@ _EXPORT_AGAIN = "export it again from the calibration tool as a rotation from wo
 class _CameraTable(StrictModel):
     """One camera's table; a description states a field's valid values."""
 
-    name: str = Field(
+    name: CameraName = Field(
         pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$", description="a name that can be a file's name"
     )
     size: list[float] = Field(

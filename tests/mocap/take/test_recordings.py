@@ -76,12 +76,14 @@ def test_names_that_look_the_same_are_the_same(small_take: SmallTake, camera: st
     for part in ("videos", "background"):
         (folder / part / "cam01.mp4").rename(folder / part / f"{file}.mp4")
     take = open_take(folder)
-    assert take.videos[camera].name == take.plates[camera].name == f"{file}.mp4"
+    assert take.videos[SOUTH].name == take.plates[SOUTH].name == f"{file}.mp4"
     assert take.remarks == ()
-    (folder / f"videos/{file}.mp4").rename(folder / f"videos/{file}-1.mp4")
+    (folder / f"videos/{file}.mp4").rename(folder / "videos/1.mp4")
     with (folder / "take.toml").open("a") as text:
-        text.write(f'\n[videos]\n"{camera}" = "videos/{camera}-1.mp4"\n')
-    assert open_take(folder).videos[camera].name == f"{file}-1.mp4"
+        text.write(f'\n[videos]\n"{file}" = "videos/1.mp4"\n[offsets]\n"{file}" = 0\n')
+    take = open_take(folder)
+    assert take.videos[SOUTH].name == "1.mp4"
+    assert take.settings.offsets == {SOUTH: 0}
     folder = named(small_take("silhouettes", source="silhouettes"), camera)
     (folder / "silhouettes/cam01").rename(folder / "silhouettes" / file)
     take = open_take(folder)
