@@ -27,6 +27,7 @@ from services.mocap.take.video_checks import (
     cut_remark,
     drift_remark,
     interlaced_remarks,
+    left_out_remarks,
     rate_of,
 )
 from services.mocap.take.video_index import VideoIndex, index_video
@@ -201,6 +202,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     remarks = [
         *(remark for remark in (cut, drift) if remark is not None),
+        *left_out_remarks(indices.values()),
         *interlaced_remarks(indices.values()),
         *unused_remarks(files_of(folder / layout.VIDEOS), videos),
     ]

@@ -142,6 +142,17 @@ def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_
     )
 
 
+def left_out_remarks(indices: Iterable[VideoIndex]) -> list[str]:
+    """A remark for each video whose first pictures cannot be decoded, so that its frames begin later."""
+    return [
+        f"{index.path}: pictures at its start are left out ({index.n_left_out}), as they cannot be decoded "
+        "without others that were cut away: run xormocap sync, unless that has found the offsets, or cut the "
+        "recording again and code it anew (ffmpeg -ss START -i IN OUT)"
+        for index in indices
+        if index.n_left_out
+    ]
+
+
 def interlaced_remarks(indices: Iterable[VideoIndex]) -> list[str]:
     """A remark for each video whose pictures are marked as interlaced; some cameras mark whole ones so."""
     return [

@@ -57,6 +57,8 @@ class VideoIndex:
     """Whether frames must be counted from a keyframe, as their time stamps are in decoding order."""
     is_interlaced: bool = False
     """Whether the first picture holds two moments, in its even and its odd rows."""
+    n_left_out: int = 0
+    """Number of pictures before the first one that are no frames, as what they need was cut away."""
 
     @property
     def n_frames(self) -> int:
@@ -111,6 +113,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         is_turned=quarter_turns % 2 == 1,
         is_counted=is_counted,
         is_interlaced=frame.interlaced_frame,
+        n_left_out=sum(p.has_time and not p.is_hidden and p.shown < stamps[0] for p in packets),
     )
 
 

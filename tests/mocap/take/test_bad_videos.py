@@ -102,6 +102,28 @@ def test_an_interlaced_video_is_remarked(small_take: SmallTake) -> None:
     )
 
 
+def test_pictures_that_a_cut_made_undecodable_are_remarked(small_take: SmallTake) -> None:
+    """A cut before the second keyframe leaves pictures that need the first one."""
+    folder = small_take(frames=8)
+    path = folder / "videos/cam02.wmv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("wmv2", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.gop_size = 12
+        pictures = [np.full((48, 64, 3), 200 * (n >= 12), np.uint8) for n in range(20)]
+        frames = [av.VideoFrame.from_ndarray(picture, format="bgr24") for picture in pictures]
+        packets = [packet for frame in (*frames, None) for packet in stream.encode(frame)]
+        container.mux(packets[9:])
+    (folder / "videos/cam02.mp4").unlink()
+    take = open_take(folder)
+    assert next(iter(take.video(take.cameras[1]))).min() > 150
+    assert take.remarks == (
+        f"{path}: pictures at its start are left out (3), as they cannot be decoded without others that were "
+        "cut away: run xormocap sync, unless that has found the offsets, or cut the recording again and code "
+        "it anew (ffmpeg -ss START -i IN OUT)",
+    )
+
+
 def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take()
     rewrite_video(folder / "videos/cam02.mp4", 3)
