@@ -209,9 +209,9 @@ def video_stream(container: InputContainer, path: Path) -> VideoStream:
 
     It is decoded on one thread.
     """
-    streams = container.streams.video
+    streams = [stream for stream in container.streams.video if stream.codec_context]
     if not streams:
-        raise TakeError(f"{path}: contains no video stream: expected a video")
+        raise TakeError(f"{path}: contains no video that can be decoded: copy it again or convert it")
     stream = next((stream for stream in streams if stream.disposition & Disposition.default), streams[0])
     stream.thread_type = "NONE"  # the services share the cores: more threads would only compete for them
     return stream

@@ -268,6 +268,19 @@ def test_a_video_without_its_index(small_take: SmallTake, refusal: Refusal, cut:
     )
 
 
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_video_without_a_known_codec(small_take: SmallTake, refusal: Refusal, is_cut: bool) -> None:
+    """Whether its file ends before it names the codec, or names one that FFmpeg lacks."""
+    folder = small_take()
+    path = folder / "videos/cam02.mp4"
+    data = path.read_bytes()
+    codec = data.index(b"avc1", data.index(b"stsd"))
+    path.write_bytes(data[: codec - 16] if is_cut else data[:codec] + b"none" + data[codec + 4 :])
+    assert refusal(folder) == (
+        "videos/cam02.mp4: contains no video that can be decoded: copy it again or convert it"
+    )
+
+
 def test_an_avi_with_a_damaged_frame_in_its_middle_is_refused(
     small_take: SmallTake, refusal: Refusal
 ) -> None:
