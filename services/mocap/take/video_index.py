@@ -77,7 +77,7 @@ class VideoIndex:
 def index_video(path: Path) -> VideoIndex:
     """Reads all packets and decodes one picture, unless this process has done so since the file was written.
 
-    Raises TakeError if the file is missing, contains no video or is cut off.
+    Raises TakeError if the file is missing, contains no video, is cut off or does not tell pictures' times.
     """
     written = (0, 0, 0)
     with suppress(OSError):  # opened_video says what is wrong
@@ -101,6 +101,8 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
     width, height = (frame.height, frame.width) if quarter_turns % 2 else (frame.width, frame.height)
     shown = _shown(packets, frame.pts)
     stamps = sorted(packet.shown for packet in shown)
+    if len(stamps) > 1 and np.median(np.diff(stamps)) == 0:
+        raise TakeError(f"{path}: gives most pictures the same time: convert it (ffmpeg -r FPS -i IN OUT)")
     keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
     return VideoIndex(
         path=path,

@@ -197,6 +197,27 @@ def test_videos_of_one_frame_tell_no_rate(small_take: SmallTake, refusal: Refusa
     )
 
 
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_videos_that_give_pictures_the_same_time(
+    small_take: SmallTake, refusal: Refusal, is_stated: bool
+) -> None:
+    """As a bare stream of H.264, which has no times."""
+    folder = small_take()
+    if not is_stated:
+        leave_to_videos(folder, "fps = 10.0")
+    path = folder / "videos/cam01.mp4"
+    with av.open(str(path)) as source, av.open(str(folder / "bare"), "w", format="h264") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    (folder / "bare").replace(path)
+    assert refusal(folder) == (
+        "videos/cam01.mp4: gives most pictures the same time: convert it (ffmpeg -r FPS -i IN OUT)"
+    )
+
+
 def lose_frames(path: Path) -> None:
     """Frames 7 and later are shown four frames later: as if four frames were lost."""
     late_path = path.with_name("gap.mp4")
