@@ -192,9 +192,7 @@ class PicturePicker:
         """A frame's picture, BGR (H, W, 3); raises TakeError where it cannot be decoded."""
         if not 0 <= frame < self._index.n_frames:
             raise TakeError(f"{self._index.path}: has no frame {frame}, but {self._index.n_frames} frames")
-        while frame in self._index.repeats and frame > 0:
-            frame -= 1
-        if self._index.is_counted:
+        if self._index.is_counted or frame in self._index.repeats:
             with VideoReader(self._index, frame, frame + 1, self._colour, self._size_px) as reader:
                 return next(iter(reader))
         keyframe, _ = self._index.keyframe_before(frame)

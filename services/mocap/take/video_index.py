@@ -26,7 +26,7 @@ from services.mocap.types import Bytes, Floats
 
 COPY_AGAIN = "copy or record it again"
 _LONGEST_NOT_CODED = 19
-"""Bytes: FFmpeg takes an MPEG-4 packet up to this long for one that only says "as before"."""
+"""Bytes: an MPEG-4 packet up to this long may only say "as before", or be a B-frame of little movement."""
 _REDUCING = Interpolation.AREA | 0x2000
 """FFmpeg's SWS_AREA with SWS_FULL_CHR_H_INT, without which it halves the colours' resolution once more."""
 _INDICES_KEPT = 256
@@ -50,7 +50,7 @@ class VideoIndex:
     keyframes: tuple[tuple[int, int], ...]
     """(frame number, decoding stamp) of the frames at which decoding can start."""
     repeats: frozenset[int] = frozenset()
-    """Frames that the file does not code: the picture before them is shown again."""
+    """Frames that the file may not code: if so, the picture before them is shown again."""
     is_turned: bool = False
     """Whether the file's rotation tag turns its stored pictures by a quarter turn."""
     is_counted: bool = False
