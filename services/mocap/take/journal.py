@@ -104,8 +104,9 @@ class Journal:
     def clear(self) -> None:
         """Remove all records."""
         self._end = FIRST
-        os.ftruncate(self._file, self._end)
-        os.fsync(self._file)
+        with disk_errors_of(self.path):
+            os.ftruncate(self._file, self._end)
+            os.fsync(self._file)
 
     def close(self, *, remove: bool = False) -> None:
         """Close the file, or remove it (always if it has no record), with its folder if that is empty."""

@@ -1,8 +1,11 @@
 """A journal holds what was written whole, and says what was not."""
 
+import errno
+import os
 import struct
 import zlib
 from pathlib import Path
+from unittest.mock import Mock
 
 import msgpack
 import numpy as np
@@ -131,6 +134,18 @@ def test_beginning_anew(tmp_path: Path) -> None:
     journal.clear()
     journal.append(pose(7))
     assert frames_in(tmp_path / JOURNAL) == [7]
+    journal.close()
+
+
+@pytest.mark.parametrize("call", ["ftruncate", "fsync"])
+def test_a_disk_that_fails_when_beginning_anew_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    journal = Journal(tmp_path / JOURNAL)
+    journal.append(pose(0))
+    monkeypatch.setattr(os, call, Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+    with pytest.raises(UserError, match=f"{JOURNAL}: cannot be written .No space left on device.: free"):
+        journal.clear()
     journal.close()
 
 
