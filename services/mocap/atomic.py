@@ -10,7 +10,7 @@ from pathlib import Path
 
 from services.mocap.errors import UserError
 
-_OF_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO}
+_OF_WRITING = {errno.ENOSPC, errno.EDQUOT, errno.EROFS}
 
 
 def _sibling(target: Path) -> Path:
@@ -33,17 +33,26 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def disk_errors_of(target: Path) -> Iterator[None]:
-    """Turn errors of a disk that is full, or fails, into UserError; target: what is written."""
+    """Turn errors of a disk that is full, or fails, into UserError; target: what is written.
+
+    A disk that fails need not be the target's: reading something else in the block raises the same error.
+    """
     try:
         yield
     except OSError as problem:
         # An error of copying several files has no number, but a list of what was said of each.
         copies = problem.args[0] if isinstance(problem, shutil.Error) else None
-        if problem.errno not in _OF_DISK and not isinstance(copies, list):
-            raise
-        reason = copies[0][2] if isinstance(copies, list) else problem.strerror
         remedy = "free some disk space, or choose another folder"
-        raise UserError(f"{target}: cannot be written ({reason}): {remedy}") from None
+        if isinstance(copies, list):
+            what, reason = f"{copies[0][0]}: cannot be copied to {target}", copies[0][2]
+        elif problem.errno == errno.EIO:
+            what, reason = f"{target}: cannot be completed, as a disk that is read or written fails", problem
+            remedy = "check the disks, or choose another folder"
+        elif problem.errno in _OF_WRITING:
+            what, reason = f"{target}: cannot be written", problem.strerror
+        else:
+            raise
+        raise UserError(f"{what} ({reason}): {remedy}") from None
 
 
 @contextmanager

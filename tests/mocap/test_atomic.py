@@ -41,9 +41,23 @@ def test_a_full_disk_is_one_sentence(
     assert not list(tmp_path.iterdir())
     with pytest.raises(UserError) as refused, atomic(target):
         raise shutil.Error([("one", "other", "[Errno 28] No space left on device")])
-    assert str(refused.value) == f"{target}: cannot be written ([Errno 28] No space left on device): {remedy}"
+    assert str(refused.value) == (
+        f"one: cannot be copied to {target} ([Errno 28] No space left on device): {remedy}"
+    )
     with pytest.raises(FileNotFoundError), atomic(target):
         (tmp_path / "nothing").read_text()
+
+
+@pytest.mark.parametrize("atomic", [atomic_file, atomic_folder])
+def test_a_failing_disk_need_not_be_that_of_the_target(
+    tmp_path: Path, atomic: Callable[[Path], AbstractContextManager[Path]]
+) -> None:
+    with pytest.raises(UserError) as refused, atomic(tmp_path / "results"):
+        Path("/proc/self/mem").read_bytes()  # an input/output error
+    assert str(refused.value) == (
+        f"{tmp_path}/results: cannot be completed, as a disk that is read or written fails "
+        "([Errno 5] Input/output error): check the disks, or choose another folder"
+    )
 
 
 def test_a_folder_appears_whole_when_the_block_ends(tmp_path: Path) -> None:
