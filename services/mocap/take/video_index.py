@@ -4,6 +4,7 @@ A frame's number is its position in presentation order, found from time stamps, 
 reading starts in the middle of a file.
 """
 
+import re
 from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass
@@ -32,7 +33,11 @@ _REDUCING = Interpolation.AREA | 0x2000
 _INDICES_KEPT = 256
 """To read all packets takes as long as to read the file."""
 _CODECS_WITH_NOT_CODED = ("mpeg4",)
-_CODECS_OUT_OF_ORDER = ("h264", "hevc")
+_WHOLE_REFRESH = {
+    "h264": re.compile(rb"\x00\x00\x01[\x05\x25\x45\x65]"),
+    "hevc": re.compile(rb"\x00\x00\x01[\x26\x28]"),
+}
+"""By codec that stores frames out of order: how a picture begins (IDR) that none later looks back beyond."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,9 @@ class _Packet(NamedTuple):
         return cls(
             shown=decoded if packet.pts is None or is_counted else packet.pts,
             decoded=decoded,
-            is_key=packet.is_keyframe,
+            # After a seek to another keyframe, pictures that need earlier ones are missing: counts are wrong.
+            is_key=packet.is_keyframe
+            and (not is_counted or _WHOLE_REFRESH[codec].search(bytes(packet)) is not None),
             is_whole=not packet.is_corrupt,
             is_hidden=packet.is_discard,
             is_not_coded=codec in _CODECS_WITH_NOT_CODED and packet.size <= _LONGEST_NOT_CODED,
@@ -146,7 +153,7 @@ class _Packet(NamedTuple):
 
 
 def _is_counted(container: InputContainer, stream: VideoStream) -> bool:
-    return container.format.name == "avi" and stream.codec_context.name in _CODECS_OUT_OF_ORDER
+    return container.format.name == "avi" and stream.codec_context.name in _WHOLE_REFRESH
 
 
 def _packets(container: InputContainer, stream: VideoStream, path: Path) -> list[_Packet]:

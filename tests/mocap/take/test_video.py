@@ -135,6 +135,18 @@ def test_frames_shown_before_their_keyframe_are_found(tmp_path: Path, codec: str
             assert [number_of(picture) for picture in reader] == list(range(start, N_FRAMES))
 
 
+def test_frames_are_counted_from_a_keyframe_that_nothing_after_it_looks_back_beyond(tmp_path: Path) -> None:
+    """AVI has no time of frames out of order; after a seek, those before a keyframe would be missing."""
+    encode_open(tmp_path / "open.avi", "libx264")
+    index = index_video(tmp_path / "open.avi")
+    assert [number for number, _ in index.keyframes] == [0]
+    picker = PicturePicker(index)
+    for start in (0, 1, 17, 18, 19, 20, 21, 39, 58, 69):
+        with VideoReader(index, start) as reader:
+            assert [number_of(picture) for picture in reader] == list(range(start, N_FRAMES))
+        assert number_of(picker.read(start)) == start
+
+
 @pytest.mark.parametrize("name", ["cut.mkv", "cut.ts"])
 @pytest.mark.parametrize("begins_with_keyframe", [True, False])
 def test_frames_that_a_cut_without_coding_anew_made_undecodable_are_left_out(
