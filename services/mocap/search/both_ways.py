@@ -69,9 +69,12 @@ def solve_both_ways(
         # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
         # search a limb: some frames are searched thoroughly.
         is_thorough = frame == last or frame % thorough_every == 0
-        planes = seen[frame]
-        back = tracker.solve(planes, other=forward[frame], thorough=is_thorough)
-        path.add(planes, forward[frame], back.pose)
+        planes, back = seen[frame], forward[frame]
+        if not is_thorough and tracker.expects(back):
+            tracker.follow(back)
+        else:
+            back = tracker.solve(planes, other=back, thorough=is_thorough).pose
+        path.add(planes, forward[frame], back)
     best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
