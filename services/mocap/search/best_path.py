@@ -31,9 +31,9 @@ _MOST_MOVED_M = 0.5
 _LIMB_DOFS = [list(limb.dofs) for limb in LIMBS.values()]
 _LIMB_PARTS = [PARTS.index(name) for name in LIMBS]
 _TRUNK_PARTS = [part for part in range(len(PARTS)) if part not in _LIMB_PARTS]
-_PART_JOINTS = [sorted({int(SEGMENT_JOINTS[s]) for s in PART_SEGMENTS[part]}) for part in PARTS]
+PART_JOINTS = [sorted({int(SEGMENT_JOINTS[s]) for s in PART_SEGMENTS[part]}) for part in PARTS]
 """The joints that carry the segments of each part."""
-_MOVING = sorted(joint for part in _LIMB_PARTS for joint in _PART_JOINTS[part])
+_MOVING = sorted(joint for part in _LIMB_PARTS for joint in PART_JOINTS[part])
 """The joints whose movement counts: those of the limbs."""
 
 
@@ -121,7 +121,7 @@ def apart_m(one: Floats, other: Floats, offsets_m: Floats) -> Floats:
     """(6,) how far the joints of each of PARTS are apart in two poses (D,), at most."""
     joints_m = joint_positions(np.stack([one, other]), offsets_m)
     off_m = np.linalg.norm(joints_m[0] - joints_m[1], axis=-1)
-    return np.array([off_m[joints].max() for joints in _PART_JOINTS])
+    return np.array([off_m[joints].max() for joints in PART_JOINTS])
 
 
 def corrected_frames(first: Floats, settled: Floats, offsets_m: Floats) -> dict[str, int]:

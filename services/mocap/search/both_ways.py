@@ -13,6 +13,7 @@ from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import Chosen, PathSearch
+from services.mocap.search.elsewhere import look_elsewhere
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import align_alone
@@ -79,7 +80,10 @@ def solve_both_ways(
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         planes, chosen = of_frame
-        return align_alone(copy, Picture.of_frame(model.rig, planes), chosen.pose, settings)
+        picture = Picture.of_frame(model.rig, planes)
+        solution = align_alone(copy, picture, chosen.pose, settings)
+        look_elsewhere(copy, picture, solution, settings)
+        return solution
 
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.

@@ -56,19 +56,13 @@ def solve_limb(
     pose beyond the joint limits is first moved to them.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
-    by_contours, n_main = settings.method == "contours", len(limb.main.dofs)
+    by_contours = settings.method == "contours"
     stage = limb.whole if by_contours else limb.main
     prepared = energy, start, box = prepare(model, stage, seen, pose, settings, priced=by_contours)
-    counts = settings.arm_grid if bare(name) == "arm" else settings.leg_grid
-    steps, of_main = _grid_steps(limb.main, settings), Box(box.lower[:n_main], box.upper[:n_main])
-    points = grid_points(start[:n_main], counts, steps, of_main)
-    if settings.typical_limbs:
-        typical = typical_poses()[:, list(limb.main.dofs)]
-        points = np.concatenate([points, np.clip(typical, of_main.lower, of_main.upper)])
+    points, steps = points_to_try(name, start, box, settings)
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
-    if by_contours:  # the hand or foot stays as it is in the grid
-        points = np.column_stack([points, np.tile(start[n_main:], (len(points), 1))])
+    if by_contours:
         begun = best_apart(energy, points, 1.5 * steps)
         found = _align_limb(model, stage, seen, pose, settings, prepared, begun)
         return replace(found, evaluations=len(points) + found.evaluations)
@@ -77,6 +71,23 @@ def solve_limb(
     extremity = descend_stage(model, limb.extremity, seen, main.applied_to(pose), settings)
     values = np.concatenate([main.values, extremity.values])
     return Solution(limb.dofs, values, main.energy_px, main.evaluations + extremity.evaluations)
+
+
+def points_to_try(name: LimbName, start: Floats, box: Box, settings: SearchSettings) -> tuple[Floats, Floats]:
+    """Values of a limb's parameters (N, d), the start (d,) first, where its search begins: a grid, and by
+    the settings typical poses; and the distances of the grid's points (k,).
+
+    The start may have the hand or foot as well, which then stays as it is.
+    """
+    main = LIMBS[name].main
+    n_main, counts = len(main.dofs), settings.arm_grid if bare(name) == "arm" else settings.leg_grid
+    of_main = Box(box.lower[:n_main], box.upper[:n_main])
+    steps = np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in main.dofs])
+    points = grid_points(start[:n_main], counts, steps, of_main)
+    if settings.typical_limbs:
+        typical = typical_poses()[:, list(main.dofs)]
+        points = np.concatenate([points, np.clip(typical, of_main.lower, of_main.upper)])
+    return np.column_stack([points, np.tile(start[n_main:], (len(points), 1))]), steps
 
 
 def _align_limb(
@@ -117,10 +128,6 @@ def grid_points(centre: Floats, counts: tuple[int, ...], steps: Floats, box: Box
     ]
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     return np.concatenate([np.clip(centre, box.lower, box.upper)[None], points])
-
-
-def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
-    return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
 def best_apart(energy: ColouredEnergy, points: Floats, steps: Floats) -> list[Floats]:
