@@ -22,7 +22,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
-from services.mocap.search.tracker import Tracker, unless_far, whole_person
+from services.mocap.search.tracker import Tracker, is_far, unless_far, whole_person
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
@@ -82,7 +82,8 @@ def solve_both_ways(
         planes, chosen = of_frame
         picture = Picture.of_frame(model.rig, planes)
         solution = align_alone(copy, picture, chosen.pose, settings)
-        look_elsewhere(copy, picture, solution, settings)
+        if settings.search_limbs != "never" and not is_far(solution, planes):
+            look_elsewhere(copy, picture, solution, settings)
         return solution
 
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long

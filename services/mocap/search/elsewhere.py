@@ -56,6 +56,6 @@ def price_elsewhere(
     aligned = [aligner.align(whole, one, settings, stage.dofs, stage.surfaces).pose for one in posed(begun)]
     others = np.concatenate([begun, elsewhere(np.array(aligned).reshape(-1, len(pose))[:, dofs])])
     if not len(others):
-        return 0.0
+        return np.inf
     own_px = float(energy(start[None])[0])
     return float((energy(others).min() - own_px) / max(own_px, 1.0))

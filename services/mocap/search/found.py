@@ -35,10 +35,12 @@ class FrameSolution:
     minimised."""
     passes: int = 0
     evaluations: int = 0
-    """Evaluations of the energy; steps of an alignment count too, because each draws the whole body once."""
+    """Evaluations of the energy; steps of an alignment count too, because each draws the whole body once. What
+    limbs cost elsewhere does not count."""
     seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
     """Wall time per stage; limbs: from the end of the head until the last limb's result. With contours, torso
-    is the alignment of the whole body; where frames are settled side by side, its processor time."""
+    is the alignment of the whole body. Where frames are settled side by side, these are processor times, and
+    limbs is that of trying them elsewhere."""
     limb_seconds: dict[str, float] = field(default_factory=dict)
     """Time to solve each limb, in the process that solved it, over all passes."""
     confidence: dict[Part, float] = field(default_factory=dict)

@@ -11,6 +11,7 @@ from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.best_path import apart_m
+from services.mocap.search.chains import HEAD, LIMBS
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import BY_ENERGY, FrameSolution
 from services.mocap.search.frame import align_alone, extrapolated, solve_frame
@@ -31,9 +32,12 @@ _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
-_EXPECTED_M = 0.04
-"""A pose is as expected if no joint is farther from where it was, or moves to. In five takes, four of them
-hard, a track never came to be more than 6 cm from another one that was so near."""
+_EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
+"""A pose is as expected if no joint is farther from where the last poses lead to, and head, hands and feet
+are turned by less. In five takes, four of them hard, a track that expected another one within 4 cm was never
+more than 6 cm from it after the frame was solved."""
+_ENDS_DOFS = [*HEAD.dofs, *(dof for limb in LIMBS.values() for dof in limb.extremity.dofs)]
+"""What turns head, hands and feet, but moves no joint."""
 _MOST_FOLLOWED = 0.5
 """A doubtful body is followed while fewer pixels differ than this share of the silhouettes': then part of the
 actor is hidden, or spreads more cloth than usual, but the body is still about there."""
@@ -130,9 +134,13 @@ class Tracker:
 
     def expects(self, pose: Floats) -> bool:
         """Whether the next frame's pose is likely to be this one (D,), by the last ones."""
-        offsets_m = self._model.body.offsets_m
-        expected = extrapolated(self._poses[-2:])
-        return not self.is_lost and min(apart_m(pose, one, offsets_m).max() for one in expected) < _EXPECTED_M
+
+        def is_near(expected: Floats) -> bool:
+            turned_rad = np.abs(pose - expected)[_ENDS_DOFS].max()
+            apart = apart_m(pose, expected, self._model.body.offsets_m)
+            return bool(turned_rad < _EXPECTED_RAD and apart.max() < _EXPECTED_M)
+
+        return not self.is_lost and any(map(is_near, extrapolated(self._poses[-2:])))
 
     def follow(self, pose: Floats) -> None:
         """Take a pose (D,) as the next frame's, without looking at the frame."""
@@ -180,10 +188,15 @@ def aligned_ahead(
     return model.copies.each(aligned, frames)
 
 
+def is_far(solution: FrameSolution, seen: TriPlanes) -> bool:
+    """Whether a solution is not even near the silhouettes `seen` (P, H, W)."""
+    return solution.energy_px > _MOST_FOLLOWED * count_bits(seen.silhouettes)
+
+
 def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:
     """A doubtful solution, unless it is far from the silhouettes `seen` (P, H, W): then one with a known pose
     (D,), of which nothing is sure."""
-    if solution.energy_px <= _MOST_FOLLOWED * count_bits(seen.silhouettes):
+    if not is_far(solution, seen):
         return solution
     nothing = dict.fromkeys(PARTS, 0.0)
     return replace(solution, pose=pose.copy(), distrusted=list(PARTS), confidence=nothing)

@@ -16,6 +16,7 @@ from services.mocap.body.actor import Actor
 from services.mocap.body.colours import MOST_CLASSES
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import FrozenModel, TakeError
+from services.mocap.take.layout import as_spelt
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
@@ -143,7 +144,7 @@ def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
     """
     occluded = {}
     for camera in cameras:
-        path = folder / OCCLUDED / f"{camera.name}.png"
+        path = as_spelt(folder / OCCLUDED / f"{camera.name}.png")
         if path.exists():
             mask = read_silhouette(path).view(np.uint8)
             if abs(mask.shape[1] * camera.height_px - mask.shape[0] * camera.width_px) > max(mask.shape):

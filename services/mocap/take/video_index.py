@@ -98,6 +98,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         packets = _packets(container, stream, path)
         declared, unit_s = stream.frames, float(stream.time_base or 0)
         is_counted = _is_counted(container, stream)
+        needs_times = "matroska" in container.format.name  # only pictures that a cut left out have none
         if container.format.name == "avi":
             declared = _declared_by_avi(stream, packets)
     _check_whole(path, packets, declared)
@@ -108,7 +109,7 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
     stamps = sorted(packet.shown for packet in shown)
     if len(stamps) > 1 and np.median(np.diff(stamps)) == 0:
         raise TakeError(f"{path}: gives most pictures the same time: convert it (ffmpeg -r FPS -i IN OUT)")
-    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
+    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_begin)
     return VideoIndex(
         path=path,
         width_px=width,
@@ -120,7 +121,9 @@ def _index(path: Path, _written: tuple[int, int, int]) -> VideoIndex:
         is_turned=quarter_turns % 2 == 1,
         is_counted=is_counted,
         is_interlaced=frame.interlaced_frame,
-        n_left_out=sum(p.has_time and not p.is_hidden and p.shown < stamps[0] for p in packets),
+        n_left_out=sum(
+            not p.is_hidden and (p.shown < stamps[0] if p.has_time else needs_times) for p in packets
+        ),
     )
 
 
@@ -130,6 +133,8 @@ class _Packet(NamedTuple):
     shown: int
     decoded: int
     is_key: bool
+    is_begin: bool
+    """Whether reading can begin here: where frames are counted, none may be missing that needs earlier ones."""
     is_whole: bool
     is_hidden: bool
     """Decoded only because other frames need it, according to the file's edit list."""
@@ -142,8 +147,8 @@ class _Packet(NamedTuple):
         return cls(
             shown=decoded if packet.pts is None or is_counted else packet.pts,
             decoded=decoded,
-            # After a seek to another keyframe, pictures that need earlier ones are missing: counts are wrong.
-            is_key=packet.is_keyframe
+            is_key=packet.is_keyframe,
+            is_begin=packet.is_keyframe
             and (not is_counted or _WHOLE_REFRESH[codec].search(bytes(packet)) is not None),
             is_whole=not packet.is_corrupt,
             is_hidden=packet.is_discard,

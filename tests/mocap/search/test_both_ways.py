@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
@@ -198,28 +199,75 @@ def test_a_thorough_search_looks_for_limbs_although_the_other_track_has_them_the
     assert "left_arm" in found.limb_seconds
 
 
-def test_the_way_back_solves_what_the_way_forward_has_elsewhere_and_is_told_where(
-    model: Model,
+@pytest.fixture
+def solved_on_the_way_back(
+    model: Model, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[list[TriPlanes], Floats], list[int]]:
+    """`solved_on_the_way_back(seen, forward)`: the frames that are solved there, with the forward pose told."""
+
+    def find(seen: list[TriPlanes], forward: Floats) -> list[int]:
+        solved = list[int]()
+
+        def solve(*given: Any, thorough: bool) -> FrameSolution:
+            if given[6] is not None:  # else it is settled
+                solved.extend(np.flatnonzero((forward == given[6]).all(axis=1)).tolist())
+            return solve_by_contours(*given, thorough=thorough)
+
+        monkeypatch.setattr("services.mocap.search.frame.solve_by_contours", solve)
+        steps = solve_both_ways(model, SETTINGS, LocalLimbs(model), seen, forward, FPS)
+        while next(steps).sweep == "tracking back":
+            pass
+        return solved
+
+    return find
+
+
+@pytest.mark.parametrize("lost", ["left_arm", "right_leg"])
+def test_the_way_back_solves_frames_in_which_the_way_forward_is_elsewhere(
     truth: Floats,
     seen: list[TriPlanes],
     standing: Callable[..., Floats],
-    monkeypatch: pytest.MonkeyPatch,
+    solved_on_the_way_back: Callable[[list[TriPlanes], Floats], list[int]],
+    lost: LimbName,
 ) -> None:
-    """Of frames in which nothing moves, besides the last and the first one, only that with a lost arm."""
-    solved = list[int]()
-
-    def solve(*given: Any, thorough: bool) -> FrameSolution:
-        if given[6] is not None:  # else it is settled
-            solved.extend(np.flatnonzero((forward == given[6]).all(axis=1)).tolist())
-        return solve_by_contours(*given, thorough=thorough)
-
-    monkeypatch.setattr("services.mocap.search.frame.solve_by_contours", solve)
+    """Nothing moves; besides, the last and the first frame are searched thoroughly."""
     still = truth[:1] + 1e-9 * np.arange(N)[:, None]  # to tell frames apart
-    forward = without(still, "left_arm", slice(2, 3), standing)
-    steps = solve_both_ways(model, SETTINGS, LocalLimbs(model), [seen[0]] * N, forward, FPS)
-    while next(steps).sweep == "tracking back":
-        pass
-    assert solved == [5, 2, 0]
+    forward = without(still, lost, slice(2, 3), standing)
+    assert solved_on_the_way_back([seen[0]] * N, forward) == [5, 2, 0]
+    forward = still.copy()
+    forward[2, DOF_INDEX["head_turn"]] += 0.5
+    assert solved_on_the_way_back([seen[0]] * N, forward) == [5, 2, 0]
+
+
+def test_the_way_back_expects_that_movements_go_on(
+    truth: Floats,
+    seen: list[TriPlanes],
+    solved_on_the_way_back: Callable[[list[TriPlanes], Floats], list[int]],
+) -> None:
+    """Arms sink by more than 4 cm a frame, as is known from two frames on."""
+    assert solved_on_the_way_back(seen, truth) == [5, 4, 0]
+
+
+def test_a_lost_tracker_expects_nothing(model: Model, truth: Floats, seen: list[TriPlanes]) -> None:
+    tracker = Tracker(model, SETTINGS, LocalLimbs(model), truth[:1])
+    assert tracker.expects(truth[0])
+    tracker.solve(TriPlanes.sure(np.zeros_like(seen[0].silhouettes)))
+    assert tracker.is_lost and not tracker.expects(truth[0])
+
+
+def test_limbs_are_tried_elsewhere_unless_they_are_sure_or_nobody_is_there(
+    model: Model, truth: Floats, seen: list[TriPlanes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def limb_seconds(planes: TriPlanes) -> float:
+        steps = solve_both_ways(model, SETTINGS, LocalLimbs(model), [planes], truth[:1], FPS)
+        (solution,) = (step.solution for step in steps if step.solution is not None)
+        return solution.seconds["limbs"]
+
+    monkeypatch.setattr("services.mocap.search.elsewhere._SURE", 0.0)
+    assert limb_seconds(seen[0]) < 1e-3
+    monkeypatch.setattr("services.mocap.search.elsewhere._SURE", 1.1)
+    assert limb_seconds(seen[0]) > 1e-3
+    assert limb_seconds(TriPlanes.sure(np.zeros_like(seen[0].silhouettes))) == 0.0
 
 
 def test_an_actor_who_leaves_is_missed_in_both_ways(

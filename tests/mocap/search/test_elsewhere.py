@@ -7,6 +7,7 @@ import pytest
 
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import LIMBS
 from services.mocap.search.elsewhere import look_elsewhere, price_elsewhere
 from services.mocap.search.frame import align_alone
 from services.mocap.search.lost_probability import lost_at_price
@@ -35,9 +36,11 @@ def test_of_a_limb_that_is_lost_another_pose_costs_less(
     standing: Callable[..., Floats],
     picture_of: Callable[[Floats], Picture],
 ) -> None:
-    lost = standing(shoulder_elevation=-80.0, hip_flexion=20.0)
+    """It is aligned with the contours: the best point of the grid has -0.72."""
+    lost, dofs = raised.copy(), list(LIMBS["left_arm"].dofs)
+    lost[dofs] = standing(shoulder_elevation=-80.0)[dofs]
     price = price_elsewhere(model, "left_arm", picture_of(raised), lost, SETTINGS)
-    assert -1.0 < price < -0.2
+    assert -1.0 < price < -0.8
     assert price_elsewhere(model, "right_leg", picture_of(raised), lost, SETTINGS) > 0.2
 
 

@@ -169,6 +169,7 @@ def test_frames_that_a_cut_without_coding_anew_made_undecodable_are_left_out(
             assert [number_of(picture) for picture in reader] == list(range(20 + start, N_FRAMES))
     picker = PicturePicker(index)
     assert [number_of(picker.read(frame)) for frame in (40, 0, 19)] == [60, 20, 39]
+    assert index.n_left_out == len(packets[key if begins_with_keyframe else 5 :]) - index.n_frames
 
 
 def test_a_damaged_frame_is_named_and_none_passed_over(video: Path, tmp_path: Path) -> None:
