@@ -13,9 +13,8 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from services.mocap.atomic import atomic_folder, write_file
-from services.mocap.camera.camera import R_ZUP_YUP, Camera
+from services.mocap.camera.camera import R_ZUP_YUP, Camera, nfc
 from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, validated
-from services.mocap.take.layout import nfc
 from services.mocap.types import Floats
 
 Up: TypeAlias = Literal["y", "z"]

@@ -1,5 +1,6 @@
 """One calibrated camera: a pinhole with the lens distortion of its raw pictures."""
 
+import unicodedata
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,11 @@ from services.mocap.types import Floats
 # Turns a y-up world (x to the left of someone looking along z) into the z-up world used inside: the axes
 # (x, y, z) of the z-up world are the axes (z, x, y) of the y-up one.
 R_ZUP_YUP: Floats = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def nfc(name: str) -> str:
+    """A name for comparing: macOS and some archives write ü as u and dots, which looks the same."""
+    return unicodedata.normalize("NFC", name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,8 @@ class FrameSolution:
     minimised."""
     passes: int = 0
     evaluations: int = 0
-    """Evaluations of the energy; steps of an alignment count too, as each draws the whole body once; what limbs
-    cost elsewhere does not."""
+    """Evaluations of the energy; steps of an alignment count too, as each draws the whole body once. What
+    limbs cost elsewhere does not count."""
     seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
     """Wall time per stage; limbs: from the end of the head until the last limb's result. With contours, torso
     is the alignment of the whole body. Where frames are settled side by side, these are processor times, and

@@ -1,7 +1,8 @@
 """The file names in a take folder, for readers and writers."""
 
-import unicodedata
 from pathlib import Path
+
+from services.mocap.camera.camera import nfc as nfc
 
 SETTINGS = "take.toml"
 CALIBRATION = "calibration.toml"
@@ -9,11 +10,6 @@ COLOURS = "colour.toml"
 ACTOR = "actor.toml"
 VIDEOS, BACKGROUND, SILHOUETTES = "videos", "background", "silhouettes"
 REFERENCE_JOINTS_CSV = "reference/joints.csv"
-
-
-def nfc(name: str) -> str:
-    """A name for comparing: macOS and some archives write ü as u and dots, which looks the same."""
-    return unicodedata.normalize("NFC", name)
 
 
 def as_spelt(path: Path) -> Path:
