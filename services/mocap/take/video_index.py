@@ -134,7 +134,7 @@ class _Packet(NamedTuple):
     decoded: int
     is_key: bool
     is_begin: bool
-    """Whether reading can begin here: where frames are counted, none may be missing that needs earlier ones."""
+    """Whether reading can begin here: where frames are counted, none may need earlier ones."""
     is_whole: bool
     is_hidden: bool
     """Decoded only because other frames need it, according to the file's edit list."""

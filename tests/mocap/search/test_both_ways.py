@@ -203,7 +203,7 @@ def test_a_thorough_search_looks_for_limbs_although_the_other_track_has_them_the
 def solved_on_the_way_back(
     model: Model, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[list[TriPlanes], Floats], list[int]]:
-    """`solved_on_the_way_back(seen, forward)`: the frames that are solved there, with the forward pose told."""
+    """`solved_on_the_way_back(seen, forward)`: the frames that are solved, with the forward pose told."""
 
     def find(seen: list[TriPlanes], forward: Floats) -> list[int]:
         solved = list[int]()
