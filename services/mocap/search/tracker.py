@@ -11,7 +11,7 @@ from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.best_path import apart_m
-from services.mocap.search.chains import HEAD, LIMBS
+from services.mocap.search.chains import HEAD
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import BY_ENERGY, FrameSolution
 from services.mocap.search.frame import align_alone, extrapolated, solve_frame
@@ -33,11 +33,10 @@ _TRACKER = "tracker"
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
 _EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
-"""A pose is as expected if no joint is farther from where the last poses lead to, and head, hands and feet
-are turned by less. In five takes, four of them hard, a track that expected another one within 4 cm was never
-more than 6 cm from it after the frame was solved."""
-_ENDS_DOFS = [*HEAD.dofs, *(dof for limb in LIMBS.values() for dof in limb.extremity.dofs)]
-"""What turns head, hands and feet, but moves no joint."""
+"""A pose is as expected if no joint is farther from where the last poses lead to, and the head is turned
+by less: no joint moves with it, and alignment alone does not turn it back, as it does hands and feet. In five
+takes, four of them hard, a track that expected another one within 4 cm was never more than 6 cm from it after
+the frame was solved."""
 _MOST_FOLLOWED = 0.5
 """A doubtful body is followed while fewer pixels differ than this share of the silhouettes': then part of the
 actor is hidden, or spreads more cloth than usual, but the body is still about there."""
@@ -136,7 +135,7 @@ class Tracker:
         """Whether the next frame's pose is likely to be this one (D,), by the last ones."""
 
         def is_near(expected: Floats) -> bool:
-            turned_rad = np.abs(pose - expected)[_ENDS_DOFS].max()
+            turned_rad = np.abs(pose - expected)[list(HEAD.dofs)].max()
             apart = apart_m(pose, expected, self._model.body.offsets_m)
             return bool(turned_rad < _EXPECTED_RAD and apart.max() < _EXPECTED_M)
 
