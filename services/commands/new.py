@@ -14,7 +14,7 @@ from rich.markup import escape
 from services.commands.consoles import say, stdout, table_of, warn
 from services.mocap.atomic import make_folder, write_file
 from services.mocap.camera.calibration import Up, read_calibration, write_calibration
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, nfc
 from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
@@ -54,7 +54,7 @@ def new(
     if cameras:
         found = match_by_name([camera.name for camera in cameras], files)
     else:
-        found = {layout.nfc(path.stem): path for path in files}
+        found = {nfc(path.stem): path for path in files}
         if len(found) < len(files):
             raise UserError(f"{folder}: two videos have one name: expected a different name for each camera")
     missing = [camera.name for camera in cameras if camera.name not in found]

@@ -18,11 +18,11 @@ from proto.streams import DEFAULT_ENDPOINT, RESEND_S
 from services.health import beat
 from services.listener import hear
 from services.logs import about
+from services.mocap.camera.camera import nfc
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.fit_record import read_learnt
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import nfc
 from services.mocap.take.live import LiveTake, open_source
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import STOP_CHECK_S, StopRequest, run_service

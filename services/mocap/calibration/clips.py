@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.mocap.camera.camera import nfc
 from services.mocap.errors import CalibrationError
-from services.mocap.take.layout import nfc
 from services.mocap.take.pictures import read_picture
 from services.mocap.take.recordings import VIDEO_SUFFIXES
 from services.mocap.take.video import VideoReader

@@ -1,4 +1,4 @@
-"""How much more the best pose costs that has a limb elsewhere: what is lost could be elsewhere as well."""
+"""What a limb would cost in other places: it is hardly lost if all of them cost much more than its own."""
 
 import time
 
@@ -18,11 +18,11 @@ from services.mocap.take.marks import PARTS, LimbName
 from services.mocap.types import Floats
 
 _SURE = 0.985
-"""Limbs that are at least so sure are not looked at."""
+"""Limbs with at least this confidence are not tried elsewhere."""
 
 
 def look_elsewhere(model: Model, whole: Picture, solution: FrameSolution, settings: SearchSettings) -> None:
-    """Judge limbs of a solution again that are not sure, by what they would cost elsewhere."""
+    """Correct low confidence in a solution's limbs by what these would cost elsewhere."""
     begun_s = time.thread_time()
     for limb in LIMBS:
         if (sure := solution.confidence.get(limb, 1.0)) < _SURE:
@@ -34,8 +34,8 @@ def look_elsewhere(model: Model, whole: Picture, solution: FrameSolution, settin
 def price_elsewhere(
     model: Model, name: LimbName, whole: Picture, pose: Floats, settings: SearchSettings
 ) -> float:
-    """By which share of its energy a pose (D,) is better than the best found with a limb elsewhere: with a
-    joint of this limb more than LOST_M from where the pose has it. Negative if that one is better."""
+    """How much more the best pose costs in which a joint of a limb is more than LOST_M from where a pose (D,)
+    has it, as a share of that pose's energy; negative if it costs less."""
     stage, settings, aligner = LIMBS[name].whole, settings.widened(), model.aligner(settings)
     energy, start, box = prepare(model, stage, whole, pose, settings, priced=True)
     points, steps = points_to_try(name, start, box, settings)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from services.mocap.camera.camera import nfc as nfc
+from services.mocap.camera.camera import nfc
 
 SETTINGS = "take.toml"
 CALIBRATION = "calibration.toml"

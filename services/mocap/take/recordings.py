@@ -7,6 +7,7 @@ from functools import reduce
 from operator import and_
 from pathlib import Path
 
+from services.mocap.camera.camera import nfc
 from services.mocap.errors import TakeError, nearest
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeFile, misplaced
@@ -52,10 +53,10 @@ def unused(files: Iterable[Path], found: Mapping[str, Path]) -> list[Path]:
 
 def unused_remarks(files: Iterable[Path], found: Mapping[str, Path]) -> list[str]:
     """A sentence for each file that is not among those found for the cameras."""
-    names = {layout.nfc(name): camera for camera, used in found.items() for name in (camera, used.stem)}
+    names = {nfc(name): camera for camera, used in found.items() for name in (camera, used.stem)}
 
     def said(path: Path) -> str:
-        camera = names.get(layout.nfc(path.stem))
+        camera = names.get(nfc(path.stem))
         if camera is None:
             return f"{path}: belongs to no camera of {layout.CALIBRATION} and is not used"
         used = found[camera].name
@@ -85,8 +86,8 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     matched if its remaining words hold those of just one camera, or the other way round, and no other file
     is. The result is in the cameras' order.
     """
-    by_name = {layout.nfc(path.stem): path for path in reversed(files)}
-    exact = {camera: by_name[layout.nfc(camera)] for camera in cameras if layout.nfc(camera) in by_name}
+    by_name = {nfc(path.stem): path for path in reversed(files)}
+    exact = {camera: by_name[nfc(camera)] for camera in cameras if nfc(camera) in by_name}
     other_cameras = [camera for camera in cameras if camera not in exact]
     other_files = [path for path in files if path not in exact.values()]
     stems = [path.stem for path in other_files]
@@ -108,7 +109,7 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
 
 def _own_words(names: Iterable[str], pattern: str) -> list[Counter[str]]:
     """How often each name has each word, beyond how often all names have it; as it is, of a single name."""
-    spelt_alike = (layout.nfc(name).lower() for name in names)
+    spelt_alike = (nfc(name).lower() for name in names)
     plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name) for name in spelt_alike]  # without leading zeros
     each = [Counter(re.findall(pattern, name)) for name in plain]
     shared = reduce(and_, each) if len(each) > 1 else Counter[str]()
