@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.side_by_side import side_by_side
 from services.mocap.types import Bytes, Floats, Ints
 from services.segmentation.cleanup import Part
@@ -52,6 +53,10 @@ _RATIOS = float(LEAST_RATIO), float(MOST_RATIO)
 _NOTHING_KNOWN: Levels = np.zeros(_DARKNESS_BINS, np.float32)
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
+_N_SEEN = 4
+_SEEING, _LIT, _ALIKE, _BEST = range(_N_SEEN)
+"""Of a place on the floor: how many cameras see it, see it in light, and see it as dark; the state most like
+shadow that one of them sees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,15 +206,31 @@ def _vote(
     detail."""
     first_row, end_row, first_column, end_column = within
     # The grid of blocks is the same in all pictures, wherever the part begins.
-    for top in range(first_row // block_px * block_px, end_row, block_px):
-        for left in range(first_column // block_px * block_px, end_column, block_px):
+    tops = range(first_row // block_px * block_px, end_row, block_px)
+    lefts = range(first_column // block_px * block_px, end_column, block_px)
+    corners_px = np.empty((len(tops) * len(lefts), 2), np.int32)
+    dark_m, darkness = np.empty((len(corners_px), 2), np.float32), np.empty(len(corners_px), np.float32)
+    n = 0
+    for top in tops:
+        for left in lefts:
             bottom, right = min(top + block_px, end_row), min(left + block_px, end_column)
             y, x = _most_like_shadow(state, places_m, top, bottom, left, right)
             if y >= 0:
-                prior[top:bottom, left:right] = _odds(
-                    places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
-                    hidden, ratio[y, x], ratios, states,
-                )  # fmt: skip
+                corners_px[n, 0], corners_px[n, 1] = top, left
+                dark_m[n, 0], dark_m[n, 1], darkness[n] = places_m[y, x, 0], places_m[y, x, 1], ratio[y, x]
+                n += 1
+    seen = np.zeros((n, _N_SEEN), np.int32)
+    for j in others:  # one after the other, so that what is known of one stays in the processor's cache
+        _ask(
+            dark_m[:n], height_m, darkness, P_px_world[j], sizes_px[j], raw_px[j], hidden, j, states[j],
+            ratios[j], seen,
+        )  # fmt: skip
+    for i in range(n):
+        top, left = corners_px[i]
+        odds = _odds(seen[i])
+        for y in range(top, min(top + block_px, end_row)):
+            for x in range(left, min(left + block_px, end_column)):
+                prior[y, x] = odds
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
@@ -225,33 +246,37 @@ def _most_like_shadow(
     return row, column
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _odds(
-    x_m: float, y_m: float, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
-    hidden: Bytes, ratio: np.float32, ratios: Levels, states: Bytes,
-) -> np.float32:  # fmt: skip
-    """Log odds of shadow at a place on the floor with this darkness, from the other cameras."""
-    seeing = lit = alike = 0
-    best = CHANGED
-    for j in others:
-        column, row = raw_pixel(P_px_world[j], sizes_px[j], raw_px[j], x_m, y_m, height_m)
+@njit_without_refcounts
+def _ask(
+    places_m: Levels, height_m: float, darkness: Levels, P_px_world: Floats, size_px: Ints, raw_px: Pixels,
+    hidden: Bytes, camera: int, state: Bytes, ratio: Levels, seen: Ints,
+) -> None:  # fmt: skip
+    """Add to seen (n, _N_SEEN) what a camera sees at places (n, 2) on the floor with this darkness (n,)."""
+    for i in range(len(places_m)):
+        x_m, y_m = places_m[i, 0], places_m[i, 1]
+        column, row = raw_pixel(P_px_world, size_px, raw_px, x_m, y_m, height_m)
         if column < 0:
             continue
-        found = _look(states[j], ratios[j], sizes_px[j], column, row, ratio)
-        if found < PERHAPS_EDGE and is_hidden(hidden, j, x_m, y_m):
+        found = _look(state, ratio, size_px, column, row, darkness[i])
+        if found < PERHAPS_EDGE and is_hidden(hidden, camera, x_m, y_m):
             continue
-        seeing += 1
-        lit += found == UNCHANGED
-        alike += found >= PERHAPS_EDGE
-        best = max(best, found)
-    if seeing == 0:
+        seen[i, _SEEING] += 1
+        seen[i, _LIT] += found == UNCHANGED
+        seen[i, _ALIKE] += found >= PERHAPS_EDGE
+        seen[i, _BEST] = max(seen[i, _BEST], found)
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _odds(seen: Ints) -> np.float32:
+    """Log odds of shadow at a place on the floor, from what the other cameras see there (_N_SEEN,)."""
+    if seen[_SEEING] == 0:
         return UNKNOWN
     # Furniture of the floor's colour may hide a place from some cameras, which then see no change; several
     # cameras that see the shadow outweigh them.
-    refuted = np.float32(max(lit - max(alike - 1, 0), 0)) * REFUTED
-    if best == PERHAPS_SHADOW:
+    refuted = np.float32(max(seen[_LIT] - max(seen[_ALIKE] - 1, 0), 0)) * REFUTED
+    if seen[_BEST] == PERHAPS_SHADOW:
         return refuted + SUPPORTED
-    return refuted + (SUPPORTED_EDGE if best == PERHAPS_EDGE else UNSUPPORTED)
+    return refuted + (SUPPORTED_EDGE if seen[_BEST] == PERHAPS_EDGE else UNSUPPORTED)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _TILES_ACROSS = 20
@@ -18,6 +18,7 @@ _BINS = 64
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Range of the brightness ratio to the plate at equal exposure; a ratio outside is not a drift of the
 light."""
+_BINS_PER_RATIO = _BINS / (_MOST_RATIO - _LEAST_RATIO)
 _DARKEST = 40.0
 """Sum of three channels, in levels; darker pixels say nothing about the light."""
 _LEAST_SAMPLES = 8
@@ -157,31 +158,37 @@ def _tile_medians(
     """Write to ratios (h, w) the median of the brightness over the plate's, and to weights the share of valid
     pixels."""
     height, width = channels.shape[1:]
-    counts = np.zeros(_BINS, np.int32)
     tile_rows, tile_columns = tile_px
     rows_apart, columns_apart = max(tile_rows // _SAMPLED_ROWS, 1), max(tile_columns // _SAMPLED_COLUMNS, 1)
-    scale = _BINS / (_MOST_RATIO - _LEAST_RATIO)
+    places, counts = np.empty(width, np.int32), np.empty((ratios.shape[1], _BINS + 1), np.int32)
     for row in range(ratios.shape[0]):
-        for column in range(ratios.shape[1]):
-            counts[:] = 0
-            n = seen = 0
-            for y in range(row * tile_rows, min((row + 1) * tile_rows, height), rows_apart):
+        counts[:] = 0
+        for y in range(row * tile_rows, min((row + 1) * tile_rows, height), rows_apart):
+            _find_bins(channels, mean, levels, y, places)
+            for column in range(ratios.shape[1]):
                 for x in range(column * tile_columns, min((column + 1) * tile_columns, width), columns_apart):
-                    seen += 1
-                    plate = levels[0] * mean[0, y, x] + levels[1] * mean[1, y, x] + levels[2] * mean[2, y, x]
-                    if plate < _DARKEST:
-                        continue
-                    light = float(channels[0, y, x]) + float(channels[1, y, x]) + float(channels[2, y, x])
-                    place = int((light / plate - _LEAST_RATIO) * scale)
-                    if 0 <= place < _BINS:
-                        counts[place] += 1
-                        n += 1
+                    counts[column, places[x]] += 1
+        for column in range(ratios.shape[1]):
+            seen = counts[column].sum()
+            n = seen - counts[column, _BINS]
             if n < _LEAST_SAMPLES:
                 continue
             below, place = 0, 0
-            while below + counts[place] <= n // 2:
-                below += counts[place]
+            while below + counts[column, place] <= n // 2:
+                below += counts[column, place]
                 place += 1
-            inside = (n / 2 - below) / counts[place]
-            ratios[row, column] = _LEAST_RATIO + (place + inside) / scale
+            inside = (n / 2 - below) / counts[column, place]
+            ratios[row, column] = _LEAST_RATIO + (place + inside) / _BINS_PER_RATIO
             weights[row, column] = n / seen
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _find_bins(channels: Bytes, mean: Steps, levels: Levels, y: int, places: Ints) -> None:
+    """Write the bin (W,) of each pixel's ratio in a row; _BINS where it says nothing about the light."""
+    blue, green, red = channels[0, y], channels[1, y], channels[2, y]
+    plate_b, plate_g, plate_r = mean[0, y], mean[1, y], mean[2, y]
+    for x in range(places.size):
+        plate = levels[0] * plate_b[x] + levels[1] * plate_g[x] + levels[2] * plate_r[x]
+        light = float(blue[x]) + float(green[x]) + float(red[x])
+        place = (light / plate - _LEAST_RATIO) * _BINS_PER_RATIO
+        places[x] = int(place if (plate >= _DARKEST) & (place > -1) & (place < _BINS) else _BINS)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from services.mocap.camera.camera import Camera, nearest_to_rays_m
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.side_by_side import N_CORES, side_by_side
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
@@ -112,7 +113,8 @@ class VoxelGrid:
 
         def fewest_of(some: Floats) -> Bytes:
             few = np.full((2, *misses.shape), _NEVER, np.uint8)  # by _WIDE and by _NARROW changes
-            _fewest_misses(some, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, few)
+            at_px = np.empty((2, len(misses)), np.int32)
+            _fewest_misses(some, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, at_px, few)
             return few
 
         fewest = np.min(side_by_side(fewest_of, np.array_split(of_coarse, _SHARES)), axis=0)
@@ -172,7 +174,7 @@ def _promising(coarse_px: Pixels, misses: Bytes, there: Ints) -> Mask:
     for i in range(coarse_px.shape[1]):
         seeing = missed = 0
         for c in there:
-            column, row = coarse_px[c, i]
+            column, row = coarse_px[c, i, 0], coarse_px[c, i, 1]
             if column >= 0:
                 seeing += 1
                 missed += misses[c, row, column]
@@ -182,19 +184,18 @@ def _promising(coarse_px: Pixels, misses: Bytes, there: Ints) -> Mask:
     return promising
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit_without_refcounts
 def _fewest_misses(
     of_coarse: Floats, of_fine: Floats, sizes_px: Ints, raw_px: Pixels, there: Ints, wide: Bytes,
-    narrow: Bytes, fewest: Bytes,
+    narrow: Bytes, at_px: Ints, fewest: Bytes,
 ) -> None:  # fmt: skip
     """Write to fewest (2, C, H, W) how much the others miss of the voxel at each pixel that they miss least.
 
     By the wide changes and by the narrow ones (C, H, W), over the fine voxels in coarse ones. Column, row and
     depth of a voxel's projection, the first two times the third, are those of its coarse one (N, C, 3) and of
-    its place in there (M, C, 3) together.
+    its place in there (M, C, 3) together. at_px (2, C): room for columns and rows.
     """
-    n_cameras = len(sizes_px)
-    columns, rows = np.empty(n_cameras, np.int64), np.empty(n_cameras, np.int64)
+    columns, rows = at_px
     most, usual_others = _most(len(there)), min(_MANY_OTHERS, len(there) - 1)
     for i in range(len(of_coarse)):
         for k in range(len(of_fine)):

@@ -1,7 +1,7 @@
 """Compiled sums along pixel rows: from where outlines cross them to which pixels are covered."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, cast
 
 import numba
 import numpy as np
@@ -10,7 +10,6 @@ from numba.extending import intrinsic
 
 from services.mocap.types import Bytes, Ints, Shorts, Words
 
-Function = TypeVar("Function", bound=Callable[..., object])
 Canvas: TypeAlias = tuple[Shorts, Words, Ints, Ints]
 """winding (H, W): signed outline crossings at the left edge of each pixel; a pixel is covered where the
 running sum of its row is positive. crossed (H, words): a bit for every column of a row that is crossed.
@@ -30,19 +29,6 @@ def _lowest_bit(_context: Any, _word: Any) -> Any:
 
 lowest_bit = cast(Callable[[np.uint64], np.uint64], intrinsic(_lowest_bit))
 """The number of the lowest bit that is set; one has to be. For compiled code only."""
-
-
-def njit_without_refcounts(function: Function) -> Function:
-    """Compile what loops over cameras, segments and outlines.
-
-    To take an array out of a tuple, or a slice of one, otherwise counts it up and down again, which was a
-    fifth to half of all the time that evaluations took. Such a function can make no arrays; those that it is
-    given have to be held by who calls it, as Python does.
-    """
-    compiled: Function = numba.njit(  # type: ignore[call-overload]  # _nrt is not in its stubs
-        cache=True, nogil=True, error_model="numpy", _nrt=False
-    )(function)
-    return compiled
 
 
 def empty_canvas(height_px: int, width_px: int) -> Canvas:

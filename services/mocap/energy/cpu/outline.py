@@ -13,12 +13,13 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
-from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain, njit_without_refcounts
+from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.snapping import depth_range, project_range
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.types import Bytes, Floats, Indices, Ints, Singles
 
 MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats, Floats]

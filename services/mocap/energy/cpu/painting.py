@@ -10,9 +10,10 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
-from services.mocap.energy.cpu.collecting import Canvas, njit_without_refcounts, row_spans
+from services.mocap.energy.cpu.collecting import Canvas, row_spans
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
 from services.mocap.energy.snapping import NEAR_M
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.types import Bytes, Floats, Ints, Singles
 
 Coat: TypeAlias = tuple[Bytes, Floats, Floats]

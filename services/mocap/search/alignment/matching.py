@@ -9,9 +9,9 @@ import numpy as np
 from services.mocap.body.kinematics import SURFACE_FRAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import count_by_camera
-from services.mocap.energy.cpu.collecting import njit_without_refcounts
 from services.mocap.energy.cpu.outline import compose
 from services.mocap.energy.picture import Picture, Region
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.search.alignment.contour import distance_to_contour, meets_unsure
 from services.mocap.search.alignment.twists import TWIST_SIZE
 from services.mocap.types import Bytes, Floats, Indices, Ints, Singles

@@ -15,8 +15,9 @@ from services.mocap.body.kinematics import (
     SURFACE_FRAMES,
     place_frames,
 )
-from services.mocap.energy.cpu.collecting import Canvas, njit_without_refcounts
+from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, cover
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.search.alignment.matching import (
     SHARES,
     Input,
