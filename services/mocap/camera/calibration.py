@@ -3,8 +3,9 @@
 A table holds name, size, matrix, distortions, rotation (world to camera), translation (metres), fisheye.
 """
 
+from collections import Counter
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +21,23 @@ from services.mocap.types import Floats
 Up: TypeAlias = Literal["y", "z"]
 CameraName: TypeAlias = Annotated[str, AfterValidator(nfc)]
 """A camera's name as it is compared, however a file spells it."""
+_Value = TypeVar("_Value")
+
+
+def _named_as_compared(table: dict[str, _Value]) -> dict[str, _Value]:
+    """A table by camera with the names as they are compared; raises ValueError if it has one twice."""
+    by_camera = {nfc(name): value for name, value in table.items()}
+    if len(by_camera) < len(table):
+        names = Counter(map(nfc, table))
+        raise ValueError(
+            f"{max(names, key=names.__getitem__)}: two entries have this name, which looks the same but is "
+            "spelled with other characters (ü, or u and dots): remove one"
+        )
+    return by_camera
+
+
+ByCamera: TypeAlias = Annotated[dict[str, _Value], AfterValidator(_named_as_compared)]
+"""A table by camera."""
 
 _Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 _ThreeByThree: TypeAlias = Annotated[list[_Three], Field(min_length=3, max_length=3)]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, field_validator
 
-from services.mocap.camera.calibration import CameraName, Up
+from services.mocap.camera.calibration import ByCamera, Up
 from services.mocap.errors import StrictModel
 from services.mocap.take.settings import LONGEST_SIDE, LongestSide
 
@@ -59,7 +59,7 @@ class LiveCamera(StrictModel):
         return isinstance(self.source, int) or self.source.startswith(_RTSP)
 
 
-_Cameras: TypeAlias = Annotated[dict[CameraName, dict[str, Any]], Field(min_length=1)]
+_Cameras: TypeAlias = Annotated[ByCamera[dict[str, Any]], Field(min_length=1)]
 
 
 class LiveSettings(StrictModel):

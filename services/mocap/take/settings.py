@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from services.mocap.atomic import write_file
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
-from services.mocap.camera.calibration import CameraName, Up
+from services.mocap.camera.calibration import ByCamera, Up
 from services.mocap.errors import StrictModel, TakeError, load_toml, nearest, validated
 from services.mocap.types import UNSURE, Floats
 
@@ -47,7 +47,7 @@ class TakeFile(StrictModel):
     frames: int | None = Field(
         default=None, ge=1, description="a whole number of frames, 1 or more", examples=[500]
     )
-    videos: dict[CameraName, str] = Field(
+    videos: ByCamera[str] = Field(
         default={},
         description="a table of video files by camera, as paths from the take folder, such as "
         'cam01 = "videos/left.mov"',
@@ -69,7 +69,7 @@ class TakeFile(StrictModel):
         "seen from above, from the world's x axis (up = z) or z axis (up = y)",
         examples=[90.0],
     )
-    offsets: dict[CameraName, int] = Field(
+    offsets: ByCamera[int] = Field(
         default={},
         description="a table of whole frames, 0 or more, by which cameras are ahead, such as cam02 = 3",
     )

@@ -59,6 +59,7 @@ _ALONG_ONE_LINE = 0.85
 """Cameras look along nearly one line if the mean of the outer products of their viewing directions has an
 eigenvalue of this or more (1: exactly one line). Ten rigs of two facing groups have 0.89 to 0.94, 60 others
 at most 0.8."""
+_FEW_CAMERAS = 3
 _HEIGHT_OFF_M = 0.05
 _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 """One adult in a million is taller; smaller people are children, who are measured less well."""
@@ -77,7 +78,7 @@ def verdict_of(result: Result) -> Verdict:
     if all(cause.kind == "remark" for cause in (*before, *found)):
         likely = (_UNEXPLAINED,) if level == LEVELS[-1] else _hidden_limbs(result.distrusted)
         if likely:
-            likely = _along_one_line(result) or likely
+            likely = _placement(result) or likely
         found = (*likely, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
@@ -157,23 +158,28 @@ def _hidden_limbs(distrusted: Mask) -> tuple[Cause, ...]:
     )
 
 
-def _along_one_line(result: Result) -> tuple[Cause, ...]:
-    """What cameras that look along nearly one line do not show; nothing of others, or without a fit."""
+def _placement(result: Result) -> tuple[Cause, ...]:
+    """What cameras do not show that look along nearly one line, or are few; nothing of others, or without a
+    fit."""
     projections = np.array(list(result.run.get("fit", {}).get("projections", {}).values()))
     if len(projections) < 2:
         return ()
     axes = projections[:, 2, :3]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    if np.linalg.eigvalsh(axes.T @ axes / len(axes))[-1] < _ALONG_ONE_LINE:
+    if np.linalg.eigvalsh(axes.T @ axes / len(axes))[-1] >= _ALONG_ONE_LINE:
+        what = (
+            "all cameras look along nearly one line, from one end of it or from both: they hardly show how "
+            "far away limbs are, and which of them lie before the body or behind it"
+        )
+        remedy = "place one or two cameras at right angles to the others"
+    elif len(axes) <= _FEW_CAMERAS:
+        what = (
+            f"only {len(axes)} cameras see the actor: limbs before the body or behind it show in few of them"
+        )
+        remedy = "add one or two cameras where the gap between them is widest"
+    else:
         return ()
-    return (
-        Cause(
-            what="all cameras look along nearly one line, from one end of it or from both: they hardly show "
-            "how far away limbs are, and which of them lie before the body or behind it",
-            remedy="place one or two cameras at right angles to the others",
-            level="usable with gaps",
-        ),
-    )
+    return (Cause(what=what, remedy=remedy, level="usable with gaps"),)
 
 
 def _body(result: Result) -> Iterator[Cause]:

@@ -79,7 +79,8 @@ class Verdict(FrozenModel):
     def headline(self) -> str:
         """The level, how many frames are doubtful, and how many arms and legs may be lost."""
         if not self.doubtful_frames:
-            return f"{self.level}: no part is doubtful in any of {self.frames} frames"
+            sure = f"{self.level}: no part is doubtful in any of {self.frames} frames"
+            return sure if self.level == "good" else f"{sure}, but a cause of errors was found"
         have = "has" if self.doubtful_frames == 1 else "have"
         frames = f"{self.level}: {self.doubtful_frames} of {self.frames} frames {have} doubtful parts"
         percent = round(100 * self.lost_limbs)

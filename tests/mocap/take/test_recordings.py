@@ -90,6 +90,14 @@ def test_names_that_look_the_same_are_the_same(small_take: SmallTake, camera: st
     assert len(list(take.trimaps(take.cameras[0]))) == 4
 
 
+def test_a_camera_that_one_table_names_twice(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = named(small_take(), SOUTH)
+    with (folder / "take.toml").open("a") as text:
+        text.write(f'\n[offsets]\n"{SOUTH}" = 0\n"{SOUTH_OF_MACOS}" = 3\n')
+    said = refusal(folder)
+    assert said.startswith(f"take.toml: offsets: {SOUTH}: two entries have this name")
+
+
 def test_a_camera_whose_name_toml_needs_in_quotes(small_take: SmallTake, refusal: Refusal) -> None:
     folder = named(small_take(), SOUTH)
     (folder / "videos/cam01.mp4").rename(folder / "videos/b.mp4")
