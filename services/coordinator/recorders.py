@@ -120,7 +120,11 @@ class Recorders:
     def settled_end(self) -> int:
         """One past the last frame up to which all recorders have the settled poses of this run; 0 while some
         have not reported."""
-        ends = [one.settled_end if one.run == self._run else 0 for one in self._recordings()]
+        return self._common_end(lambda recording: recording.settled_end)
+
+    def _common_end(self, end_of: Callable[[Recording], int]) -> int:
+        """The least end that recorders report of this run; 0 while some have not reported."""
+        ends = [end_of(one) if one.run == self._run else 0 for one in self._recordings()]
         return min(ends) if len(ends) >= max(1, self._n_expected) else 0
 
     def keep(self, pose: Pose) -> None:
@@ -157,9 +161,8 @@ class Recorders:
         if isinstance(message, Recording):
             if identity in self._known:  # else a late message of a lost connection: hello comes first
                 self._known[identity].recording = message
-                ends = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
-                if len(ends) >= max(1, self._n_expected):
-                    self._recorded_end = max(self._recorded_end, min(ends))
+                recorded_end = self._common_end(lambda recording: recording.end_frame)
+                self._recorded_end = max(self._recorded_end, recorded_end)
         elif message.run != self._run:
             self.foreign += 1
         elif isinstance(message, PoseRequest):
