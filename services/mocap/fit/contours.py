@@ -91,7 +91,7 @@ def nearest_facing(
     return _nearest(points_px, normals, first_row, starts, order, others, turn_px, reach_px)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _in_rows(points_px: Floats, normals: Floats, turn_px: float) -> tuple[int, Longs, Longs, Floats]:
     """Points (M, 2) by rows of pixels: the first row, where each row starts (rows + 1,), the points' indices
     (M,), and points with their normals times turn_px (M, 4)."""
@@ -110,7 +110,7 @@ def _in_rows(points_px: Floats, normals: Floats, turn_px: float) -> tuple[int, L
     return first_row, starts, order, sorted_px
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(
     points_px: Floats,
     normals: Floats,
@@ -172,7 +172,7 @@ def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:
     return points_px + low, normals
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _outline(part: Mask, blurred: Singles, first_px: Floats, last_px: Floats) -> tuple[Floats, Floats]:
     """The outline in a part of a picture (h, w) within a range of columns and rows: outline_of.
 

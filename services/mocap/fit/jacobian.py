@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 
 from services.mocap.body import shape_space
@@ -13,6 +12,7 @@ from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.rim import topology
 from services.mocap.fit.rim_matching import Matches
+from services.mocap.njit import njit_without_refcounts
 from services.mocap.types import Floats, Ints, Longs
 
 _STEP = 1e-4
@@ -100,7 +100,7 @@ def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
     return shifts_m
 
 
-@numba.njit(cache=True, nogil=True)
+@njit_without_refcounts
 def _fill(
     edges: Longs,
     frames: Ints,
@@ -116,31 +116,31 @@ def _fill(
 ) -> None:
     """Write one view's rows (N, D + S)."""
     n_dofs = len(T_slopes)
-    point, g, local = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(edges)):
         a, b, j = edges[n, 0], edges[n, 1], frames[n]
         T = T_world_frame[j]
+        x = (vertices_m[a, 0] + vertices_m[b, 0]) / 2
+        y = (vertices_m[a, 1] + vertices_m[b, 1]) / 2
+        z = (vertices_m[a, 2] + vertices_m[b, 2]) / 2
         depth = P[2, 3]
         for i in range(3):
-            point[i] = (vertices_m[a, i] + vertices_m[b, i]) / 2
-        for i in range(3):
-            depth += P[2, i] * (T[i, 0] * point[0] + T[i, 1] * point[1] + T[i, 2] * point[2] + T[i, 3])
+            depth += P[2, i] * (T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + T[i, 3])
         u, v = normals[n, 0] / depth, normals[n, 1] / depth
         along = u * points_px[n, 0] + v * points_px[n, 1]
-        for i in range(3):
-            g[i] = u * P[0, i] + v * P[1, i] - along * P[2, i]
-        for i in range(3):
-            local[i] = (g[0] * T[0, i] + g[1] * T[1, i] + g[2] * T[2, i]) / 2
+        g0 = u * P[0, 0] + v * P[1, 0] - along * P[2, 0]
+        g1 = u * P[0, 1] + v * P[1, 1] - along * P[2, 1]
+        g2 = u * P[0, 2] + v * P[1, 2] - along * P[2, 2]
         for d in range(n_dofs):
-            D, slope = T_slopes[d, j], 0.0
-            for i in range(3):
-                slope += g[i] * (D[i, 0] * point[0] + D[i, 1] * point[1] + D[i, 2] * point[2] + D[i, 3])
+            D = T_slopes[d, j]
+            slope = g0 * (D[0, 0] * x + D[0, 1] * y + D[0, 2] * z + D[0, 3])
+            slope += g1 * (D[1, 0] * x + D[1, 1] * y + D[1, 2] * z + D[1, 3])
+            slope += g2 * (D[2, 0] * x + D[2, 1] * y + D[2, 2] * z + D[2, 3])
             rows[n, d] = slope
+        local0 = (g0 * T[0, 0] + g1 * T[1, 0] + g2 * T[2, 0]) / 2
+        local1 = (g0 * T[0, 1] + g1 * T[1, 1] + g2 * T[2, 1]) / 2
+        local2 = (g0 * T[0, 2] + g1 * T[1, 2] + g2 * T[2, 2]) / 2
         for k in range(len(shifts_m)):
-            slope = 0.0
-            for i in range(3):
-                slope += (
-                    local[i] * (vertex_slopes_m[a, k, i] + vertex_slopes_m[b, k, i])
-                    + g[i] * shifts_m[k, j, i]
-                )
+            slope = local0 * (vertex_slopes_m[a, k, 0] + vertex_slopes_m[b, k, 0]) + g0 * shifts_m[k, j, 0]
+            slope += local1 * (vertex_slopes_m[a, k, 1] + vertex_slopes_m[b, k, 1]) + g1 * shifts_m[k, j, 1]
+            slope += local2 * (vertex_slopes_m[a, k, 2] + vertex_slopes_m[b, k, 2]) + g2 * shifts_m[k, j, 2]
             rows[n, n_dofs + k] = slope

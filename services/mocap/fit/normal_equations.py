@@ -145,7 +145,7 @@ class System:
         return shape_step, -onto_slopes - onto_shape @ shape_step
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def normal_sums(rows: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """rows' diag(weights) rows (M, M) and rows' diag(weights) residuals (M,) of rows (N, M), mostly zeros.
 

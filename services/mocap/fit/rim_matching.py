@@ -117,7 +117,7 @@ def match_view(rim: Rim, contour: Contour) -> Matches:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _hidden(points_px: Floats, normals: Floats, targets_px: Floats, near_unsure: Mask) -> Mask:
     """Which of the rim's points (N, 2) meet unsure pixels before their targets (N, 2).
 
