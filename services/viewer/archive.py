@@ -19,7 +19,7 @@ from services.mocap.result.layout import journal_of
 from services.mocap.take.journal import FIRST, record_at, records
 from services.mocap.take.quantities import numbers_of
 from services.viewer.finished import FinishedTake
-from services.viewer.frame_history import ON_PAGE, SolvedFrame
+from services.viewer.solved_frame import ON_PAGE, SolvedFrame
 
 CHUNK_FRAMES = 64
 """Most poses that the coordinator sends for one request."""

@@ -15,7 +15,8 @@ from services.mocap.motion.angles import ANGLES, Angle, joint_angles_deg
 from services.mocap.take.marks import DISTRUSTED, PARTS, doubtful_parts
 from services.mocap.take.quantities import QUANTITIES, STAGES, Quantity
 from services.mocap.types import Floats, Ints, Mask
-from services.viewer.frame_history import FrameHistory, Stretch
+from services.viewer.frame_history import FrameHistory
+from services.viewer.solved_frame import Stretch
 
 MOST_FRAMES = 1200
 """Most frames that a curve has; of longer takes every second, third, … one is drawn."""

@@ -8,7 +8,7 @@ import numpy as np
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
-from services.viewer.frame_history import ON_PAGE, SolvedFrame
+from services.viewer.solved_frame import ON_PAGE, SolvedFrame
 
 log = logging.getLogger(__name__)
 

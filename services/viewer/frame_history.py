@@ -2,77 +2,24 @@
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from services.blob_store import keep_latest
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.take.marks import DISTRUSTED, PARTS, doubtful_parts, judged_parts
-from services.mocap.take.quantities import QUANTITIES
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.take.marks import PARTS, doubtful_parts, judged_parts
+from services.mocap.types import Floats, Mask
+from services.viewer.archive import Archive
 from services.viewer.metrics import FRAMES
-
-if TYPE_CHECKING:  # it makes frames of this module
-    from services.viewer.archive import Archive
+from services.viewer.solved_frame import COLUMNS, SolvedFrame, Stretch
 
 KEPT_FRAMES = 4096
 """Frames kept in memory, at about 2 KB each; two to three minutes of a take at 25 frames per second."""
-ON_PAGE = tuple(row for row in QUANTITIES if row.labels and not row.is_live)
-"""Quantities that a page may show; those of cameras are not among them."""
 _FETCHED_FRAMES = 512
 """Number of fetched older frames that are kept."""
 _MOST_BINS = 600
-_COLUMNS = [(row.name, label) for row in ON_PAGE for label in row.labels]
-_COLUMNS_OF = {row.name: [k for k, (name, _) in enumerate(_COLUMNS) if name == row.name] for row in ON_PAGE}
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedFrame:
-    """One solved frame."""
-
-    frame: int
-    time_s: float
-    pose: Floats
-    """(D,) in metres and radians, z-up world."""
-    numbers: Floats
-    """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
-    arrived_s: float = np.nan
-    """When the viewer received it (time.monotonic); NaN for finished takes."""
-    settled: bool = False
-    """Whether it is final, found with the frames after it, and replaces an earlier solution."""
-    iou: Floats = field(default_factory=lambda: np.zeros(0))
-    """(C,) intersection over union of body and silhouette by camera; empty where it is not known."""
-
-    def of(self, quantity: str) -> Floats:
-        """A quantity's numbers (k,), one for each of its labels."""
-        return self.numbers[_COLUMNS_OF[quantity]]
-
-    @property
-    def energy_px(self) -> float:
-        """Differing pixels, over all cameras."""
-        return float(self.of("energy_px")[0])
-
-    @property
-    def distrusted(self) -> Mask:
-        """(6,) unreliable parts."""
-        return self.of(DISTRUSTED) > 0
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Consecutive known frames (N), in increasing order, as arrays, for curves."""
-
-    frames: Ints
-    numbers: Floats
-    """(N, K) as SolvedFrame has them."""
-    poses: Floats
-    """(N, D) as SolvedFrame has them."""
-
-    def of(self, quantity: str) -> Floats:
-        """A quantity (N, k), a column for each of its labels."""
-        return self.numbers[:, _COLUMNS_OF[quantity]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +46,7 @@ class FrameHistory:
         self,
         frames: range,
         capacity: int = KEPT_FRAMES,
-        older: "Archive | None" = None,
+        older: Archive | None = None,
         *,
         is_open: bool = False,
     ) -> None:
@@ -218,7 +165,7 @@ class FrameHistory:
         step = -(-len(self.extent) // most)
         with self._lock:
             known = [self._latest[frame] for frame in self.extent[::step] if frame in self._latest]
-        numbers = np.array([solved.numbers for solved in known]).reshape(len(known), len(_COLUMNS))
+        numbers = np.array([solved.numbers for solved in known]).reshape(len(known), len(COLUMNS))
         poses = np.array([solved.pose for solved in known]).reshape(len(known), N_DOF)
         return Stretch(np.array([solved.frame for solved in known], np.int32), numbers, poses)
 

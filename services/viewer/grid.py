@@ -7,8 +7,8 @@ import numpy as np
 
 from services.viewer.channel import Channel
 from services.viewer.controls import Controls
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import Show
+from services.viewer.solved_frame import SolvedFrame
 from services.viewer.tiles import Look, Tile
 
 _SMOOTH = 0.5

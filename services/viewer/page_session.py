@@ -10,12 +10,12 @@ import viser
 from services.viewer.channel import Channel
 from services.viewer.charts import Charts
 from services.viewer.controls import Controls
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.grid import CameraGrid, SendPacing
 from services.viewer.metrics import BEHIND
 from services.viewer.page_words import chart_message, frame_words, show_words, timeline_message
 from services.viewer.scene import Scene3D
 from services.viewer.show import Show
+from services.viewer.solved_frame import SolvedFrame
 from services.viewer.viewpoint import ViewpointControl
 
 

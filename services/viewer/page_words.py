@@ -12,9 +12,10 @@ from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
 from services.viewer.charts import Drawn
 from services.viewer.controls import Controls, Player
-from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.frame_history import FrameHistory
 from services.viewer.scene import DISTRUSTED_RGB, rgb_of
 from services.viewer.show import Show
+from services.viewer.solved_frame import SolvedFrame
 
 Message = tuple[list[bytes], dict[str, Any]]
 """Blobs and fields."""

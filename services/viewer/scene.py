@@ -12,8 +12,8 @@ from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.search.error_by_part import SEGMENT_PARTS
 from services.mocap.take.marks import doubtful_parts
 from services.mocap.types import Bytes, Floats, Mask
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import Show, frusta_of, placed_segments
+from services.viewer.solved_frame import SolvedFrame
 
 DISTRUSTED_RGB = (214, 69, 69)
 _DOUBTFUL_OPACITY = 0.4

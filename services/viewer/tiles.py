@@ -23,8 +23,8 @@ from services.mocap.search.chains import window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Mask
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.picture_sources import Pictures, Segmented
+from services.viewer.solved_frame import SolvedFrame
 
 Content = Literal["pictures", "silhouettes", "difference", "colours"]
 _JPEG = (

@@ -7,8 +7,8 @@ import viser
 
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.types import Floats
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import Show, frusta_of
+from services.viewer.solved_frame import SolvedFrame
 
 FOV_RAD = 0.9
 _BESIDE_RAD, _ABOVE_RAD = 0.6, 0.35

@@ -23,7 +23,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import STAGES
 from services.runs import launcher
-from services.viewer.frame_history import ON_PAGE, SolvedFrame
+from services.viewer.solved_frame import ON_PAGE, SolvedFrame
 
 
 @pytest.fixture

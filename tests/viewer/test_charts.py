@@ -8,7 +8,8 @@ import pytest
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_NAMES
 from services.viewer.charts import MOST_FRAMES, Charts
-from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.frame_history import FrameHistory
+from services.viewer.solved_frame import SolvedFrame
 
 Make = Callable[..., SolvedFrame]
 

@@ -6,7 +6,8 @@ from typing import Literal
 import pytest
 
 from services.viewer.controls import Player
-from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.frame_history import FrameHistory
+from services.viewer.solved_frame import SolvedFrame
 
 
 @pytest.fixture

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from services.mocap.take.marks import PARTS
-from services.viewer.frame_history import ON_PAGE, FrameHistory, SolvedFrame
+from services.viewer.frame_history import FrameHistory
+from services.viewer.solved_frame import ON_PAGE, SolvedFrame
 
 Make = Callable[..., SolvedFrame]
 _QUANTITY_OF_NUMBER = [row.name for row in ON_PAGE for _ in row.labels]

@@ -15,8 +15,8 @@ from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Bytes, Floats
-from services.viewer.frame_history import SolvedFrame
 from services.viewer.picture_sources import Segmented
+from services.viewer.solved_frame import SolvedFrame
 from services.viewer.tiles import Content, Look, Tile, TileArtist
 
 ALL = tuple(range(8))
