@@ -103,12 +103,13 @@ class Floor:
         if part is None:
             return prior
         block_px, (rows, columns) = max(2, round(width / _BLOCKS_ACROSS)), part
+        within = rows.start, rows.stop, columns.start, columns.stop
         _vote(
             self.places_m[camera], self.height_m, lenses.P_px_world, lenses.sizes_px, lenses.raw_px,
             there[there != camera], self.hidden, ratios[camera], states[camera], ratios, states, block_px,
-            (rows.start, rows.stop, columns.start, columns.stop), prior,
+            within, prior,
         )  # fmt: skip
-        _add_darkness(prior[part], ratios[camera][part], states[camera][part], self.darkness_odds)
+        _add_darkness(prior, ratios[camera], states[camera], self.darkness_odds, within)
         return prior
 
 
@@ -186,11 +187,15 @@ def _possible_shadows(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_darkness(odds: Levels, ratio: Levels, state: Bytes, darkness_odds: Levels) -> None:
-    """Add to the log odds (h, w) of pixels with these ratios and states (h, w) what their darkness tells."""
+def _add_darkness(
+    odds: Levels, ratio: Levels, state: Bytes, darkness_odds: Levels, within: tuple[int, int, int, int]
+) -> None:
+    """Add to the log odds (H, W) of pixels within rows and columns, with these ratios and states (H, W), what
+    their darkness tells."""
+    first_row, end_row, first_column, end_column = within
     bins_per_ratio = len(darkness_odds) / (MOST_RATIO - LEAST_RATIO)
-    for y in range(odds.shape[0]):
-        for x in range(odds.shape[1]):
+    for y in range(first_row, end_row):
+        for x in range(first_column, end_column):
             if state[y, x] == PERHAPS_SHADOW and odds[y, x] < SUPPORTED:
                 place = int((ratio[y, x] - LEAST_RATIO) * bins_per_ratio)
                 odds[y, x] += darkness_odds[min(max(place, 0), len(darkness_odds) - 1)]

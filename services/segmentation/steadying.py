@@ -24,6 +24,8 @@ _MOST_PX, _LEAST_PX = 6, 0.15
 _ROUNDS, _SETTLED_PX = 6, 0.01
 _FAR_LEVELS = 4.0
 """Anchors that are farther off count little: somebody stands before them."""
+_RIDGE = 1e-11
+"""Added to the diagonal, as a share of its sum."""
 _BETTER = 0.9
 """A shift counts only if it leaves at most this share of the loss."""
 
@@ -86,13 +88,13 @@ def _shift_px(grey: Levels, rows: Ints, columns: Ints, terms: Floats) -> tuple[f
     """Anchors.shift_px of a smoothed picture (H, W)."""
     n_anchors = len(rows)
     weights, still, seen = np.ones(n_anchors), np.empty(n_anchors), np.empty(n_anchors)
+    for i in range(n_anchors):
+        still[i] = grey[rows[i], columns[i]]
     right_px = down_px = 0.0
     for n in range(_ROUNDS):
         right, down = round(right_px), round(down_px)
         for i in range(n_anchors):
             seen[i] = grey[rows[i] + down, columns[i] + right]
-        if n == 0:
-            still[:] = seen
         found, weights = _solved(terms, seen, weights)
         if found[0] <= 0:  # a black picture, for example
             return 0.0, 0.0
@@ -114,14 +116,14 @@ def _solved(terms: Floats, seen: Floats, weights: Floats) -> tuple[Floats, Float
     """The factors (k,) of terms (n, k) that explain best what is seen (n,), by weights (n,); and the weights
     (n,) that the residuals give, small for hidden anchors."""
     n_terms = terms.shape[1]
-    normal, right = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
+    normal, found = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
     for i in range(len(terms)):
         for k in range(n_terms):
             weighted = weights[i] * terms[i, k]
-            right[k] += weighted * seen[i]
+            found[k] += weighted * seen[i]
             for m in range(n_terms):
                 normal[k, m] += weighted * terms[i, m]
-    found = np.asarray(np.linalg.lstsq(normal, right, 1e-9)[0], np.float64)
+    _solve(normal, found)
     usual = np.empty_like(weights)
     for i in range(len(terms)):
         off_levels = -seen[i]
@@ -129,6 +131,24 @@ def _solved(terms: Floats, seen: Floats, weights: Floats) -> tuple[Floats, Float
             off_levels += terms[i, k] * found[k]
         usual[i] = 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
     return found, usual
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _solve(matrix: Floats, values: Floats) -> None:
+    """Replace values (k,) by what a symmetric matrix (k, k), which is used up, turns into them; what it does
+    not tell becomes 0. By Gauss's elimination: np.linalg.solve takes seconds to compile."""
+    ridge = _RIDGE * np.trace(matrix)
+    for k in range(len(values)):
+        matrix[k, k] += ridge
+        for j in range(k + 1, len(values)):
+            share = matrix[j, k] / matrix[k, k]
+            values[j] -= share * values[k]
+            for m in range(k, len(values)):
+                matrix[j, m] -= share * matrix[k, m]
+    for k in range(len(values) - 1, -1, -1):
+        for m in range(k + 1, len(values)):
+            values[k] -= matrix[k, m] * values[m]
+        values[k] /= matrix[k, k]
 
 
 def _smoothed(picture_bgr: Bytes | Levels) -> Levels:

@@ -10,6 +10,7 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.compiled import forget_other_code
 from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes, n_planes
+from services.mocap.energy.detail.thinning import thinned_levels
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -36,6 +37,8 @@ def warm_up(engine: Engine) -> None:
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
     actor = Actor(colours={"head": (1,) * QUARTERS})  # a class, so that painting is compiled
     model = model_of(actor, rig, engine)
+    if engine.name == "cpu":  # whose thinned bodies may be on disk, so that nothing has compiled that yet
+        thinned_levels(*min((s for s in model.body.surfaces if len(s[1])), key=lambda s: len(s[1])))
     rehearse(model, LocalLimbs(model), SearchSettings())
     model.close()
 
