@@ -14,6 +14,7 @@ from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.camera.formats import read_any
 from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError, validated
+from services.mocap.side_by_side import side_by_side
 from services.mocap.take import layout
 from services.mocap.take.pictures import check_png, read_picture, read_trimap, read_trimaps
 from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name, unused_remarks
@@ -183,8 +184,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
     videos, plates = find_videos(folder, names, said.videos), _find_plates(folder, names)
     if source == "videos":
-        for camera in cameras:
-            _check_is_recorded(folder, camera, videos, plates, decoded)
+        side_by_side(lambda camera: _check_is_recorded(folder, camera, videos, plates, decoded), cameras)
     indices = {name: index_video(videos[name]) for name in names if name in videos}
     settings = _completed(folder, said, names, source, indices)
     colours = read_colours(folder / layout.COLOURS, names)
@@ -196,8 +196,10 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
             check_video(indices[camera.name], camera, settings, said)
     cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
     drift = drift_remark(indices, settings, is_stated=said.fps is not None) if in_step else None
-    for name, index in indices.items() if decoded else ():
-        check_decodes(index, settings.frames + settings.offset(name))
+    if decoded:
+        side_by_side(
+            lambda name: check_decodes(indices[name], settings.frames + settings.offset(name)), indices
+        )
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     remarks = [
