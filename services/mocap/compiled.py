@@ -12,15 +12,18 @@ from pathlib import Path
 
 _SOURCES = Path(__file__).parent
 _COMPILED = ("body", "energy", "fit", "search", "synth", "../segmentation")
-"""Packages with compiled code, and with tables that become constants in it."""
+"""Packages with compiled code, and with tables that become constants in it; the modules beside this one tell
+how it is compiled."""
 _KEPT = _SOURCES / "__pycache__"
 
 
 def compiled_folder() -> Path:
     """The folder for the present sources."""
     digest = hashlib.sha256()
-    for package in _COMPILED:
-        for path in sorted((_SOURCES / package).rglob("*.py")):
+    sources = [("", _SOURCES.glob("*.py"))]
+    sources += [(package, (_SOURCES / package).rglob("*.py")) for package in _COMPILED]
+    for package, paths in sources:
+        for path in sorted(paths):
             name = path.relative_to(_SOURCES / package).as_posix()
             digest.update(f"{package}/{name}\0{path.stat().st_size}\0".encode())
             digest.update(path.read_bytes())

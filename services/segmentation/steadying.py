@@ -24,7 +24,7 @@ _MOST_PX, _LEAST_PX = 6, 0.15
 _ROUNDS, _SETTLED_PX = 6, 0.01
 _FAR_LEVELS = 4.0
 """Anchors that are farther off count little: somebody stands before them."""
-_RIDGE = 1e-11
+_RIDGE = 1e-9
 """Added to the diagonal, as a share of its sum."""
 _BETTER = 0.9
 """A shift counts only if it leaves at most this share of the loss."""
@@ -124,19 +124,20 @@ def _solved(terms: Floats, seen: Floats, weights: Floats) -> tuple[Floats, Float
             for m in range(n_terms):
                 normal[k, m] += weighted * terms[i, m]
     _solve(normal, found)
-    usual = np.empty_like(weights)
+    new_weights = np.empty_like(weights)
     for i in range(len(terms)):
         off_levels = -seen[i]
         for k in range(n_terms):
             off_levels += terms[i, k] * found[k]
-        usual[i] = 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
-    return found, usual
+        new_weights[i] = 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
+    return found, new_weights
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _solve(matrix: Floats, values: Floats) -> None:
-    """Replace values (k,) by what a symmetric matrix (k, k), which is used up, turns into them; what it does
-    not tell becomes 0. By Gauss's elimination: np.linalg.solve takes seconds to compile."""
+    """Replace values (k,), of a symmetric matrix (k, k), by the x with matrix @ x = values; overwrites the
+    matrix. What it hardly tells is kept small. By Gauss's elimination: np.linalg.solve takes seconds to
+    compile."""
     ridge = _RIDGE * np.trace(matrix)
     for k in range(len(values)):
         matrix[k, k] += ridge

@@ -21,7 +21,7 @@ def warm_up() -> None:
     empty = np.asarray(stage + random.integers(0, 3, (4, *stage.shape)), np.uint8)
     plates = [Plate.learn(empty, LIGHT_UNCERTAINTY) for _ in cameras]
     matte = JointMatte(cameras, plates)
-    light = np.linspace(0.95, 1.05, _SIZE_PX)[:, None]
+    light = np.linspace(0.95, 1.05, _SIZE_PX)[:, None]  # by columns
     somebody = np.rint(empty[0] * light).astype(np.uint8)
     somebody[20:80, 40:60] //= 2
     moment = dict.fromkeys(range(len(cameras)), somebody)

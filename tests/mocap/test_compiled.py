@@ -24,7 +24,8 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    "file", ["energy/cpu/crossing.py", "energy/snapping.py", "energy/cpu/mesh.py", "body/skeleton.py"]
+    "file",
+    ["energy/cpu/crossing.py", "energy/snapping.py", "energy/cpu/mesh.py", "body/skeleton.py", "njit.py"],
 )
 def test_a_change_of_any_source_names_another_folder(sources: Path, file: str) -> None:
     before = compiled.compiled_folder()

@@ -30,8 +30,8 @@ def _named_as_compared(table: dict[str, _Value]) -> dict[str, _Value]:
     if len(by_camera) < len(table):
         names = Counter(map(nfc, table))
         raise ValueError(
-            f"{max(names, key=names.__getitem__)}: two entries have this name, which looks the same but is "
-            "spelled with other characters (ü, or u and dots): remove one"
+            f"{max(names, key=names.__getitem__)}: two entries have names that look like this one, but are "
+            "spelled with different characters (ü, or u and dots): remove one"
         )
     return by_camera
 

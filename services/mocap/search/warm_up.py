@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from services.mocap.body.actor import Actor
+from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.colours import QUARTERS
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
@@ -37,8 +37,6 @@ def warm_up(engine: Engine) -> None:
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
     actor = Actor(colours={"head": (1,) * QUARTERS})  # a class, so that painting is compiled
     model = model_of(actor, rig, engine)
-    if engine.name == "cpu":  # whose thinned bodies may be on disk, so that nothing has compiled that yet
-        thinned_levels(*min((s for s in model.body.surfaces if len(s[1])), key=lambda s: len(s[1])))
     rehearse(model, LocalLimbs(model), SearchSettings())
     model.close()
 
@@ -60,3 +58,6 @@ def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:
 if __name__ == "__main__":
     forget_other_code()
     warm_up(open_engine(EngineSettings(backend="cpu")))
+    # The thinned default body may be on disk already, made by code of an earlier version.
+    surfaces = [(vertices_m, faces) for vertices_m, faces in build_body(Actor()).surfaces if len(faces)]
+    thinned_levels(*min(surfaces, key=lambda surface: len(surface[1])))

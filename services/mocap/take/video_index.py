@@ -209,7 +209,7 @@ def _declared_by_avi(stream: VideoStream, packets: list[_Packet]) -> int:
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
     """Open a video file; raises TakeError if it is missing or cannot be read."""
     try:
-        return av.open(str(path), "r", options=options)
+        return av.open(str(path), "r", options=options, metadata_errors="replace")
     except FileNotFoundError:
         raise TakeError(f"{path}: is missing: expected a video") from None
     except (av.error.FFmpegError, OSError):

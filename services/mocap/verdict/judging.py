@@ -78,7 +78,7 @@ def verdict_of(result: Result) -> Verdict:
     if all(cause.kind == "remark" for cause in (*before, *found)):
         likely = (_UNEXPLAINED,) if level == LEVELS[-1] else _hidden_limbs(result.distrusted)
         if likely:
-            likely = _placement(result) or likely
+            likely = _with_placement(result, likely)
         found = (*likely, *found)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
@@ -158,28 +158,30 @@ def _hidden_limbs(distrusted: Mask) -> tuple[Cause, ...]:
     )
 
 
-def _placement(result: Result) -> tuple[Cause, ...]:
-    """What cameras do not show that look along nearly one line, or are few; nothing of others, or without a
-    fit."""
+def _with_placement(result: Result, likely: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """The likely causes, and that the cameras are few, if they are; or, instead, that they look along nearly
+    one line. The likely causes alone without a fit."""
     projections = np.array(list(result.run.get("fit", {}).get("projections", {}).values()))
     if len(projections) < 2:
-        return ()
+        return likely
     axes = projections[:, 2, :3]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     if np.linalg.eigvalsh(axes.T @ axes / len(axes))[-1] >= _ALONG_ONE_LINE:
-        what = (
-            "all cameras look along nearly one line, from one end of it or from both: they hardly show how "
-            "far away limbs are, and which of them lie before the body or behind it"
+        along = Cause(
+            what="all cameras look along nearly one line, from one end of it or from both: they hardly show "
+            "how far away limbs are, and which of them lie before the body or behind it",
+            remedy="place one or two cameras at right angles to the others",
+            level="usable with gaps",
         )
-        remedy = "place one or two cameras at right angles to the others"
-    elif len(axes) <= _FEW_CAMERAS:
-        what = (
-            f"only {len(axes)} cameras see the actor: limbs before the body or behind it show in few of them"
-        )
-        remedy = "add one or two cameras where the gap between them is widest"
-    else:
-        return ()
-    return (Cause(what=what, remedy=remedy, level="usable with gaps"),)
+        return (along,)
+    if len(axes) > _FEW_CAMERAS:
+        return likely
+    few = Cause(
+        what=f"only {len(axes)} cameras see the actor: limbs before or behind the body show in few of them",
+        remedy="add one or two cameras where the gap between them is widest",
+        level="usable with gaps",
+    )
+    return (*likely, few)
 
 
 def _body(result: Result) -> Iterator[Cause]:

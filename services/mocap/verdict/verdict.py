@@ -77,7 +77,8 @@ class Verdict(FrozenModel):
 
     @property
     def headline(self) -> str:
-        """The level, how many frames are doubtful, and how many arms and legs may be lost."""
+        """The level, how many frames are doubtful, and how many arms and legs may be lost; without a doubtful
+        frame, whether there is another cause for the level."""
         if not self.doubtful_frames:
             sure = f"{self.level}: no part is doubtful in any of {self.frames} frames"
             return sure if self.level == "good" else f"{sure}, but a cause of errors was found"

@@ -95,7 +95,7 @@ def test_a_camera_that_one_table_names_twice(small_take: SmallTake, refusal: Ref
     with (folder / "take.toml").open("a") as text:
         text.write(f'\n[offsets]\n"{SOUTH}" = 0\n"{SOUTH_OF_MACOS}" = 3\n')
     said = refusal(folder)
-    assert said.startswith(f"take.toml: offsets: {SOUTH}: two entries have this name")
+    assert said.startswith(f"take.toml: offsets: {SOUTH}: two entries have names that look like this one")
 
 
 def test_a_camera_whose_name_toml_needs_in_quotes(small_take: SmallTake, refusal: Refusal) -> None:

@@ -190,6 +190,22 @@ def test_a_damaged_frame_is_named_and_none_passed_over(video: Path, tmp_path: Pa
     assert 30 <= len(read) <= 45  # no earlier than its own group of pictures
 
 
+def test_a_title_in_unknown_letters_does_not_matter(video: Path, tmp_path: Path) -> None:
+    path = tmp_path / "titled.mp4"
+    with av.open(str(video)) as source, av.open(str(path), "w") as target:
+        target.metadata["title"] = "a title of letters"
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            packet.stream = stream
+            if packet.dts is not None:
+                target.mux(packet)
+    data = path.read_bytes()
+    assert b"a title of letters" in data
+    path.write_bytes(data.replace(b"a title of letters", b"a t\xeftle of letter\xdf"))  # Latin 1, not UTF-8
+    with VideoReader(path) as reader:
+        assert [number_of(picture) for picture in reader] == list(range(N_FRAMES))
+
+
 def test_frames_outside_the_file_are_refused(video: Path) -> None:
     with pytest.raises(TakeError, match="frames 60 to 71 were requested, but it has 70"):
         VideoReader(video, 60, 71)
