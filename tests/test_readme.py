@@ -77,7 +77,7 @@ def test_what_is_lost_and_what_is_doubtful_is_told(readme: str) -> None:
     assert told.count(f"none of its joints is more than {100 * LOST_M:g} cm off") == 3
     for sentence in (
         "A limb with a confidence below {} is marked as doubtful",
-        "Most of what is lost above {} comes from",
+        "All that is lost above {} comes from",
         "Limbs and head with a confidence below {} are **doubtful**",
     ):
         assert sentence.format(f"{LEAST_CONFIDENCE:g}") in told, sentence

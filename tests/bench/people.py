@@ -95,7 +95,7 @@ def measure(folder_of: Callable[[], Path], trial: Trial) -> Iterator[Row]:
     """
     folder = folder_of()
     with tempfile.TemporaryDirectory(prefix="xormocap-bench-") as temporary:
-        scratch, name = Path(temporary), folder.resolve().name
+        scratch, name = Path(temporary), folder.absolute().name  # a link tells folders of one name apart
         used = with_true_silhouettes(folder, scratch / name) if trial.true_silhouettes else folder
         take, out = open_take(used), (trial.results or scratch / "results") / name
         actor, true_m = true_actor(used), true_joints_m(take)
