@@ -6,7 +6,6 @@ The calibration holds for the plate, so that pictures are moved back to it.
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 
 from services.mocap.types import Bytes, Floats, Ints, Mask
@@ -24,8 +23,6 @@ _MOST_PX, _LEAST_PX = 6, 0.15
 _ROUNDS, _SETTLED_PX = 6, 0.01
 _FAR_LEVELS = 4.0
 """Anchors that are farther off count little: somebody stands before them."""
-_RIDGE = 1e-9
-"""Added to the diagonal, as a share of its sum."""
 _BETTER = 0.9
 """A shift counts only if it leaves at most this share of the loss."""
 
@@ -65,7 +62,22 @@ class Anchors:
         """
         if not self.terms[:, 1:].any():
             return 0.0, 0.0
-        return _shift_px(_smoothed(picture_bgr), self.rows, self.columns, self.terms)
+        grey, shift, weights = _smoothed(picture_bgr), np.zeros(2), np.ones(len(self.rows))
+        still = grey[self.rows, self.columns]
+        for n in range(_ROUNDS):
+            right, down = np.rint(shift).astype(int)
+            seen = grey[self.rows + down, self.columns + right]
+            found, weights = _solved(self.terms, seen, weights)
+            if found[0] <= 0:  # a black picture, for example
+                return 0.0, 0.0
+            before, shift = shift, ((right, down) + found[1:] / found[0]).clip(0.5 - _MOST_PX, _MOST_PX - 0.5)
+            if n > 0 and np.hypot(*(shift - before)) < _SETTLED_PX:  # the first round weighs all alike
+                break
+        if np.hypot(*shift) < _LEAST_PX:
+            return 0.0, 0.0
+        _, still_weights = _solved(self.terms[:, :1], still, weights)
+        is_shifted = (1 - weights).mean() < _BETTER * (1 - still_weights).mean()
+        return (float(shift[0]), float(shift[1])) if is_shifted else (0.0, 0.0)
 
 
 def _strongest(slopes: Levels) -> Mask:
@@ -83,73 +95,13 @@ def _strongest(slopes: Levels) -> Mask:
     return chosen if n_tiles >= _FEWEST_TILES else np.zeros_like(chosen)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _shift_px(grey: Levels, rows: Ints, columns: Ints, terms: Floats) -> tuple[float, float]:
-    """Anchors.shift_px of a smoothed picture (H, W)."""
-    n_anchors = len(rows)
-    weights, still, seen = np.ones(n_anchors), np.empty(n_anchors), np.empty(n_anchors)
-    for i in range(n_anchors):
-        still[i] = grey[rows[i], columns[i]]
-    right_px = down_px = 0.0
-    for n in range(_ROUNDS):
-        right, down = round(right_px), round(down_px)
-        for i in range(n_anchors):
-            seen[i] = grey[rows[i] + down, columns[i] + right]
-        found, weights = _solved(terms, seen, weights)
-        if found[0] <= 0:  # a black picture, for example
-            return 0.0, 0.0
-        before = right_px, down_px
-        right_px = min(max(right + found[1] / found[0], 0.5 - _MOST_PX), _MOST_PX - 0.5)
-        down_px = min(max(down + found[2] / found[0], 0.5 - _MOST_PX), _MOST_PX - 0.5)
-        is_settled = np.hypot(right_px - before[0], down_px - before[1]) < _SETTLED_PX
-        if n > 0 and is_settled:  # the first round weighs all alike
-            break
-    if np.hypot(right_px, down_px) < _LEAST_PX:
-        return 0.0, 0.0
-    _, still_weights = _solved(terms[:, :1].copy(), still, weights)
-    is_shifted = (1 - weights).mean() < _BETTER * (1 - still_weights).mean()
-    return (right_px, down_px) if is_shifted else (0.0, 0.0)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _solved(terms: Floats, seen: Floats, weights: Floats) -> tuple[Floats, Floats]:
+def _solved(terms: Floats, seen: Levels, weights: Floats) -> tuple[Floats, Floats]:
     """The factors (k,) of terms (n, k) that explain best what is seen (n,), by weights (n,); and the weights
     (n,) that the residuals give, small for hidden anchors."""
-    n_terms = terms.shape[1]
-    normal, found = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
-    for i in range(len(terms)):
-        for k in range(n_terms):
-            weighted = weights[i] * terms[i, k]
-            found[k] += weighted * seen[i]
-            for m in range(n_terms):
-                normal[k, m] += weighted * terms[i, m]
-    _solve(normal, found)
-    new_weights = np.empty_like(weights)
-    for i in range(len(terms)):
-        off_levels = -seen[i]
-        for k in range(n_terms):
-            off_levels += terms[i, k] * found[k]
-        new_weights[i] = 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
-    return found, new_weights
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _solve(matrix: Floats, values: Floats) -> None:
-    """Replace values (k,), of a symmetric matrix (k, k), by the x with matrix @ x = values; overwrites the
-    matrix. What it hardly tells is kept small. By Gauss's elimination: np.linalg.solve takes seconds to
-    compile."""
-    ridge = _RIDGE * np.trace(matrix)
-    for k in range(len(values)):
-        matrix[k, k] += ridge
-        for j in range(k + 1, len(values)):
-            share = matrix[j, k] / matrix[k, k]
-            values[j] -= share * values[k]
-            for m in range(k, len(values)):
-                matrix[j, m] -= share * matrix[k, m]
-    for k in range(len(values) - 1, -1, -1):
-        for m in range(k + 1, len(values)):
-            values[k] -= matrix[k, m] * values[m]
-        values[k] /= matrix[k, k]
+    weighted = terms.T * weights
+    found = np.asarray(np.linalg.lstsq(weighted @ terms, weighted @ seen, rcond=1e-9)[0], np.float64)
+    off_levels = np.asarray(terms @ found - seen, np.float64)
+    return found, 1 / (1 + (off_levels / _FAR_LEVELS) ** 2)
 
 
 def _smoothed(picture_bgr: Bytes | Levels) -> Levels:

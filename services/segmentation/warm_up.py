@@ -1,10 +1,9 @@
 """Compiles in advance: `python -m services.segmentation.warm_up` fills the cache of all processes."""
 
-import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Floats
+from services.mocap.types import Bytes, Floats
 from services.segmentation.joint import JointMatte
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
@@ -15,13 +14,12 @@ _AWAY_M = 3.0
 def warm_up() -> None:
     """Load or compile everything that segmentation needs, so that no picture waits for it."""
     cameras = [_camera(turn) for turn in (0.0, 2.0, 4.0)]
-    random = np.random.default_rng(0)
-    # Outlines show whether a camera shakes, and light that has moved is searched for bands.
-    stage = cv2.GaussianBlur(random.integers(0, 255, (_SIZE_PX, _SIZE_PX, 3)).astype(np.uint8), (0, 0), 2.0)
-    empty = np.asarray(stage + random.integers(0, 3, (4, *stage.shape)), np.uint8)
+    empty: Bytes = np.random.default_rng(0).integers(90, 110, (4, _SIZE_PX, _SIZE_PX, 3)).astype(np.uint8)
     plates = [Plate.learn(empty, LIGHT_UNCERTAINTY) for _ in cameras]
     matte = JointMatte(cameras, plates)
-    light = np.linspace(0.95, 1.05, _SIZE_PX)[:, None]  # by columns
+    light = np.linspace(0.95, 1.05, _SIZE_PX)[
+        :, None
+    ]  # has moved over the stage, so that bands are looked for
     somebody = np.rint(empty[0] * light).astype(np.uint8)
     somebody[20:80, 40:60] //= 2
     moment = dict.fromkeys(range(len(cameras)), somebody)

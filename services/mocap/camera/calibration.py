@@ -19,25 +19,23 @@ from services.mocap.errors import CalibrationError, StrictModel, in_short, load_
 from services.mocap.types import Floats
 
 Up: TypeAlias = Literal["y", "z"]
-CameraName: TypeAlias = Annotated[str, AfterValidator(nfc)]
-"""A camera's name as it is compared, however a file spells it."""
 _Value = TypeVar("_Value")
 
 
 def _named_as_compared(table: dict[str, _Value]) -> dict[str, _Value]:
-    """A table by camera with the names as they are compared; raises ValueError if it has one twice."""
+    """A table by camera with the names as they are compared; raises ValueError if two are the same."""
     by_camera = {nfc(name): value for name, value in table.items()}
     if len(by_camera) < len(table):
-        names = Counter(map(nfc, table))
+        ((twice, _),) = Counter(map(nfc, table)).most_common(1)
         raise ValueError(
-            f"{max(names, key=names.__getitem__)}: two entries have names that look like this one, but are "
+            f"{twice}: two entries have names that look like this one, but are "
             "spelled with different characters (ü, or u and dots): remove one"
         )
     return by_camera
 
 
 ByCamera: TypeAlias = Annotated[dict[str, _Value], AfterValidator(_named_as_compared)]
-"""A table by camera."""
+"""A table by camera, however a file spells their names."""
 
 _Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 _ThreeByThree: TypeAlias = Annotated[list[_Three], Field(min_length=3, max_length=3)]
@@ -52,7 +50,7 @@ _EXPORT_AGAIN = "export it again from the calibration tool as a rotation from wo
 class _CameraTable(StrictModel):
     """One camera's table; a description states a field's valid values."""
 
-    name: CameraName = Field(
+    name: Annotated[str, AfterValidator(nfc)] = Field(
         pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$", description="a name that can be a file's name"
     )
     size: list[float] = Field(
