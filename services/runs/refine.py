@@ -147,7 +147,7 @@ def _fitted(
     poses (F, D)."""
     with clock.stage("fitting the actor") as progress:
         start = in_best_hat(in_best_skirt(actor, poses, rig, seen), poses, rig, seen)
-        return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
+        return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height)
 
 
 def _run_poses(found: Result) -> PoseTable:

@@ -148,7 +148,7 @@ def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, nu
     rows = spread(path.distrusted, DEFAULT_REFINE_FRAMES)
     if len(rows) < LEAST_FRAMES:
         return None
-    fit = fit_actor(rig, later.seen[rows], first.actor, path.poses[rows], apart=True)
+    fit = fit_actor(rig, later.seen[rows], first.actor, path.poses[rows])
     return _found(fit, person, later.poses[rows], time.perf_counter() - began_s)
 
 

@@ -15,7 +15,7 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.least_squares import CONTOUR_POINTS, Fitting
 from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
-from services.mocap.fit.priors import WEIGHT_APART_PX3, WEIGHT_PX3, Prior
+from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.types import Floats
 
@@ -64,16 +64,14 @@ def fit_actor(
     progress: Callable[[float], None] = lambda _: None,
     body: BodyName = "anatomical",
     height_m: float | None = None,
-    *,
-    apart: bool = False,
 ) -> Fit:
     """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), starting from an actor and poses
     near them.
 
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
-    called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. apart:
-    whether the frames are from a whole motion, so that the prior on shapes counts less. A result with clearly
-    more energy than the start, in the first frame's pose if no other is given, is dropped for the start.
+    called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. height_m:
+    the actor's, if it is known. A result with clearly more energy than the start, in the first frame's pose
+    if no other is given, is dropped for the start.
     Raises ValueError for inconsistent array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
@@ -85,7 +83,7 @@ def fit_actor(
     step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, partial(step, 1), body, start)
-    prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
+    prior = Prior(state.poses, height_m)
     fitting = Fitting(rig, contours, prior, start)
     for stage in shaping:
         state = fitting.run(state, stage, partial(step, n_frames))

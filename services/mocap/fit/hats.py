@@ -15,7 +15,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.least_squares import CONTOUR_POINTS, Fitting
 from services.mocap.fit.normal_equations import FitStage, State
-from services.mocap.fit.priors import MEAN, WEIGHT_APART_PX3, Prior
+from services.mocap.fit.priors import MEAN, Prior
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.model import model_on_cpu
 from services.mocap.types import Floats
@@ -39,7 +39,7 @@ def in_best_hat(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor
     """
     if actor.mesh is not None:
         return actor
-    contours, prior = contours_of(rig, seen, CONTOUR_POINTS), Prior(poses, WEIGHT_APART_PX3)
+    contours, prior = contours_of(rig, seen, CONTOUR_POINTS), Prior(poses)
     x = shape_space.vector_of(actor)
     for name in _HEAD:
         x[INDEX[name]] = MEAN[INDEX[name]]

@@ -14,7 +14,7 @@ import numpy as np
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.shape_space import DEVIATIONS, INDEX
-from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
+from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof, dofs_of
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX, ROWS
 from services.mocap.fit.normal_equations import FitStage, State, System
 from services.mocap.types import Floats, Mask
@@ -22,13 +22,18 @@ from services.mocap.types import Floats, Mask
 WEIGHT_PX3 = 0.05
 """Times eight cameras and ten frames, that is the variance of what the data pull at, as measured on people of
 known shape in noisy silhouettes: the prior then weighs what it should."""
-WEIGHT_APART_PX3 = 0.02
-"""For frames from a whole motion, because errors of a fit differ between poses."""
+_WEIGHT_VARIED_PX3 = 0.02
+"""For poses that differ, because errors of a fit differ between poses."""
+_VARIED_RAD = 0.15
+"""From this standard deviation of the bend of elbows and knees on, poses differ. First frames, and two
+seconds of a quiet motion, have .05; whole motions, .2 to .8."""
 _MEASURED_HEIGHT_DEVIATION = 0.008
 """Of the logarithm of a height that somebody measured."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Standard deviation of the pose from the initial one: twists; head, hands and feet; all other joints."""
 _ROOT = JOINTS[0].name
+_HINGES = [dof for joint in JOINTS if len(dofs := dofs_of(joint.name)) == 1 for dof in dofs]
+"""The bend of elbows and knees."""
 _END_JOINTS = {segment.joint for segment in SEGMENTS if segment.row.window_px == EXTREMITY_WINDOW_PX}
 
 _STOUTNESS = 0.5
@@ -83,10 +88,10 @@ _LEAST_STIFFNESS = 1e-9
 class Prior:
     """Draws shapes to the mean of people, and poses to the initial ones."""
 
-    def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3, height_m: float | None = None) -> None:
-        """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3. height_m:
-        the actor's, if it is known."""
-        self._poses, self._weight_px3 = poses, weight_px3
+    def __init__(self, poses: Floats, height_m: float | None = None) -> None:
+        """poses (F, D): those begun with. height_m: the actor's, if it is known."""
+        is_varied = np.std(poses[:, _HINGES], axis=0).mean() >= _VARIED_RAD
+        self._poses, self._weight_px3 = poses, _WEIGHT_VARIED_PX3 if is_varied else WEIGHT_PX3
         self.misfit = 1.0
         """How many times as much the prior on shapes counts; that on long bones counts more beyond _LOOSE."""
         covariance, self._mean = COVARIANCE.copy(), MEAN.copy()
