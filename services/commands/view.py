@@ -26,8 +26,7 @@ from services.mocap.verdict.verdict import Level
 from services.process import STOP_CHECK_S, StopRequest
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
-from services.viewer.finished import FinishedFrames
-from services.viewer.frame_history import FrameHistory
+from services.viewer.finished import history_of
 from services.viewer.picture_sources import Segmented, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
@@ -116,13 +115,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     """
     result = load_result(folder)
     opened, remark = _take_of(result, take)
-    finished = FinishedFrames(result)
-    history = FrameHistory(finished.frames, capacity=len(finished.frames))
-    for solved in map(finished.solved, finished.frames):
-        if solved is not None:
-            history.put(solved)
-    history.is_over = True
-    name, fps, body = result.motion.name, result.fps, result.motion.body
+    name, fps, body, history = result.motion.name, result.fps, result.motion.body, history_of(result)
     verdict = verdict_of(result)
     if opened is None:
         return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark, verdict=verdict)

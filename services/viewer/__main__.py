@@ -76,7 +76,7 @@ def main(
     ] = None,
     results: Annotated[
         Path | None,
-        typer.Option(help="The results folder, next to the journal: for frames no longer in memory."),
+        typer.Option(help="The results folder, next to the journal: for frames that the viewer missed."),
     ] = None,
     bind: Annotated[
         str, typer.Option(help="Address of the page, HOST:PORT; other machines need a token.")

@@ -43,7 +43,7 @@ class Player:
         elif self.is_playing:
             self._carry += elapsed_s * self.fps * self.speed
             steps, self._carry = int(self._carry), self._carry % 1.0
-            self.frame += steps
+            self.frame = max(self.frame + steps, self.history.frames.start)
             if self.frame > newest:  # once more from the start, or on once there is more
                 self.frame = self.history.frames.start if self.history.is_over else newest
         return self.frame

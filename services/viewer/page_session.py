@@ -12,7 +12,7 @@ from services.viewer.charts import Charts
 from services.viewer.controls import Controls
 from services.viewer.grid import CameraGrid, SendPacing
 from services.viewer.metrics import BEHIND
-from services.viewer.page_words import chart_message, frame_words, show_words, timeline_message
+from services.viewer.page_words import chart_message, frame_words, show_words, timeline_message, why_missing
 from services.viewer.scene import Scene3D
 from services.viewer.show import Show
 from services.viewer.solved_frame import SolvedFrame
@@ -133,8 +133,7 @@ class PageSession:
         """Say that a frame is missing; the previous content stays."""
         if self._missing == frame and self._told == self._controls.version:
             return False
-        why = f"Frame {frame} {self._show.history.why_missing(frame)}."
-        self._channel.send("missing", frame=frame, words=why)
+        self._channel.send("missing", frame=frame, words=why_missing(frame, self._show.history))
         self._placed, self._missing, self._told = None, frame, self._controls.version
         return True
 

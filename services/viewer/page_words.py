@@ -12,7 +12,7 @@ from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
 from services.viewer.charts import Drawn
 from services.viewer.controls import Controls, Player
-from services.viewer.frame_history import FrameHistory
+from services.viewer.frame_history import MOST_FRAMES, FrameHistory
 from services.viewer.scene import DISTRUSTED_RGB, rgb_of
 from services.viewer.show import Show
 from services.viewer.solved_frame import SolvedFrame
@@ -79,6 +79,18 @@ def frame_words(solved: SolvedFrame, player: Player, behind_s: float | None) -> 
         "frames_per_s": 1 / seconds if np.isfinite(seconds) and seconds > 0 else None,
         "behind_s": behind_s,
     }
+
+
+def why_missing(frame: int, history: FrameHistory) -> str:
+    """A sentence about a frame that is not known."""
+    if history.newest is None or frame > history.newest:
+        return f"Frame {frame} is not known yet."
+    if frame < history.frames.start:
+        return f"Frame {frame} is no longer in memory: the page keeps at most {MOST_FRAMES} frames."
+    return (
+        f"Frame {frame} has not come: the coordinator keeps few frames; others come from the recorder's "
+        "journal, if the viewer knows the results folder (--results)."
+    )
 
 
 def timeline_message(history: FrameHistory) -> Message:

@@ -2,9 +2,9 @@
 nothing."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +17,17 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.export.model_painter import ModelPainter
+from services.mocap.result.layout import journal_of
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
-from services.viewer.archive import CHUNK_FRAMES, Archive, RetryRequests, solved_frame_of
-from services.viewer.frame_history import KEPT_FRAMES, FrameHistory
+from services.viewer.frame_history import MOST_FRAMES, FrameHistory
+from services.viewer.metrics import FRAMES
+from services.viewer.missed_frames import CHUNK_FRAMES, RetryRequests, read_journal
 from services.viewer.picture_sources import LivePictures, TakePictures
 from services.viewer.show import Show
+from services.viewer.solved_frame import solved_frame_of
 from services.viewer.tiles import TileArtist
-
-_MOST_FRAMES = 100_000
-"""Longest timeline: some hours of live input, whose end is open."""
 
 log = logging.getLogger(__name__)
 
@@ -48,22 +48,24 @@ class TakePresenter(Follower):
         results: the path of the results on this host; the recorder's journal is next to it.
         """
         super().__init__(endpoint, keys)
-        self._folder, self._present, self._results = folder, present, results
+        self._folder, self._present = folder, present
+        self._journal = None if results is None else journal_of(results)
+        self._reads_journal = False
+        """Whether the journal is to be read, as soon as it is not being read."""
+        self._reading: threading.Thread | None = None
+        """The journal of a long take needs seconds, and messages must not wait."""
         has_pictures = folder is not None and not isinstance(folder, LiveTake)
         self._folder_pictures = TakePictures(folder, None) if folder is not None and has_pictures else None
         self._history: FrameHistory | None = None
-        self._archive: Archive | None = None
         self._filling = RetryRequests()
         self._pictures: LivePictures | None = None
 
     def on_take(self, info: TakeInfo) -> None:
         """Begin anew."""
         self._pictures = None
-        self._filling = RetryRequests()
-        last_end = info.first_frame + _MOST_FRAMES
-        frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
-        self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
-        self._history = FrameHistory(frames, KEPT_FRAMES, self._archive, is_open=is_open)
+        self._filling, self._reads_journal = RetryRequests(), True
+        frames = range(info.first_frame, info.end_frame)
+        self._history = FrameHistory(frames, is_open=len(frames) > MOST_FRAMES)
 
     def prepare(self) -> None:
         """Prepare in advance what the first pictures need; call it in a separate thread.
@@ -82,11 +84,12 @@ class TakePresenter(Follower):
     def on_message(self, message: Message) -> None:
         """Store a message's content for the page."""
         if isinstance(message, Pose) and self._history is not None:
-            self._history.put(replace(solved_frame_of(message), arrived_s=time.monotonic()))
+            FRAMES.inc()
+            self._history.put(solved_frame_of(message, time.monotonic()))
         elif isinstance(message, Silhouettes) and self._pictures is not None:
             self._pictures.add(message)
-        elif isinstance(message, TakeEnd) and self._history is not None and self._archive is not None:
-            self._history.is_over = self._archive.is_over = True
+        elif isinstance(message, TakeEnd) and self._history is not None and not self._history.is_over:
+            self._history.is_over = self._reads_journal = True
 
     def on_content(self, actor: Actor, rig: Rig) -> None:
         """Present the take."""
@@ -107,11 +110,21 @@ class TakePresenter(Follower):
         self._present(show)
 
     def lacking(self) -> Sequence[Message]:
-        """Requests for the end of the last gap in the frames, unless the coordinator no longer has them."""
-        gap = None if self._history is None else self._history.last_gap(self._filling.gone_end)
-        if gap is None or self.info is None:
+        """Requests for the end of the last gap in the frames. What the coordinator no longer has is read from
+        the journal."""
+        info, history, filling = self.info, self._history, self._filling
+        if info is None or history is None:
             return ()
-        wanted = gap[-CHUNK_FRAMES:]
-        if not self._filling.asks(wanted, time.monotonic(), self.heard_s):
-            return ()
-        return (PoseRequest(run=self.info.run, first_frame=wanted.start, end_frame=wanted.stop),)
+        requests = list[Message]()
+        if (gap := history.last_gap(filling.gone_end)) is not None:
+            wanted, gone_end = gap[-CHUNK_FRAMES:], filling.gone_end
+            if filling.asks(wanted, time.monotonic(), self.heard_s):
+                requests.append(PoseRequest(run=info.run, first_frame=wanted.start, end_frame=wanted.stop))
+            self._reads_journal |= filling.gone_end > gone_end
+        is_reading = self._reading is not None and self._reading.is_alive()
+        if self._reads_journal and self._journal is not None and not is_reading:
+            self._reads_journal = False
+            arguments = self._journal, info.run, history
+            self._reading = threading.Thread(target=read_journal, args=arguments, daemon=True)
+            self._reading.start()
+        return requests

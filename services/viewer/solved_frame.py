@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from proto.messages import Pose
 from services.mocap.take.marks import DISTRUSTED
-from services.mocap.take.quantities import QUANTITIES
+from services.mocap.take.quantities import QUANTITIES, numbers_of
 from services.mocap.types import Floats, Ints, Mask
 
 ON_PAGE = tuple(row for row in QUANTITIES if row.labels and not row.is_live)
@@ -44,6 +45,19 @@ class SolvedFrame:
     def distrusted(self) -> Mask:
         """(6,) unreliable parts."""
         return self.of(DISTRUSTED) > 0
+
+
+def solved_frame_of(message: Pose, arrived_s: float) -> SolvedFrame:
+    """A frame as it was published."""
+    return SolvedFrame(
+        frame=message.frame,
+        time_s=message.time_s,
+        pose=message.pose,
+        numbers=np.array([number for row in ON_PAGE for number in numbers_of(message, row, row.labels)]),
+        arrived_s=arrived_s,
+        settled=message.settled,
+        iou=np.array(message.measured.get("iou", ()), np.float64),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,6 @@ from services.mocap.take.fit_record import (
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv, write_poses_csv
-from services.viewer.finished import FinishedTake
 from services.viewer.picture_sources import TakePictures
 from services.viewer.tiles import Look, TileArtist
 
@@ -105,21 +104,3 @@ def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:
 def test_what_is_no_result_is_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"has no poses\.csv: expected a results folder"):
         finished_show(tmp_path, None)
-
-
-def test_frames_come_from_results_once_these_are_there(result: Path) -> None:
-    finished = FinishedTake(result, "walk")
-    report = result / "run.json"
-    report.rename(result / "later.json")
-    assert finished.solved(3) is None
-    (result / "later.json").rename(report)
-    solved = finished.solved(3)
-    assert solved is not None
-    np.testing.assert_array_equal(solved.pose, read_poses_csv(result / "poses.csv").poses[3])
-    assert finished.solved(24) is None
-
-
-def test_results_of_another_take_are_left_alone(result: Path) -> None:
-    (result / "run.json").write_text('{"take": {"name": "another"}}')
-    assert FinishedTake(result, "walk").solved(3) is None
-    assert FinishedTake(None, "walk").solved(3) is None

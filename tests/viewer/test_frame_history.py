@@ -1,34 +1,19 @@
-"""The history: a ring that does not grow, gaps, what has left it, and the whole take at a glance."""
+"""The history: what it keeps, gaps, and the whole take at a glance."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from services.mocap.take.marks import PARTS
-from services.viewer.frame_history import FrameHistory
+from services.viewer.frame_history import MOST_FRAMES, FrameHistory
+from services.viewer.page_words import why_missing
 from services.viewer.solved_frame import ON_PAGE, SolvedFrame
 
 Make = Callable[..., SolvedFrame]
 _QUANTITY_OF_NUMBER = [row.name for row in ON_PAGE for _ in row.labels]
 """(K,) what each of SolvedFrame.numbers is."""
-
-
-class Shelf:
-    """Where older frames are that are known from the start."""
-
-    def __init__(self, *solved_frames: SolvedFrame) -> None:
-        self._frames = {solved.frame: solved for solved in solved_frames}
-        self.asked: list[int] = []
-
-    def solved(self, frame: int) -> SolvedFrame | None:
-        return self._frames.get(frame)
-
-    def ask(self, frame: int) -> None:
-        self.asked.append(frame)
-
-    def why_missing(self, frame: int) -> str:
-        return f"was eaten ({frame})"
 
 
 def test_a_frame_comes_back_as_it_was_put(solved: Make) -> None:
@@ -49,56 +34,48 @@ def test_frames_of_another_range_are_left_out(solved: Make) -> None:
     assert history.newest is None
 
 
-def test_the_ring_holds_the_latest_and_no_more(solved: Make) -> None:
-    shelf = Shelf()
-    history = FrameHistory(range(1000), capacity=100, older=shelf)
-    for frame in range(1000):
+def test_an_open_take_forgets_its_oldest_frames_and_no_others(
+    solved: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.viewer.frame_history.MOST_FRAMES", 1000)
+    history, closed = FrameHistory(range(10, 1_000_000), is_open=True), FrameHistory(range(10, 3010))
+    for frame in range(10, 3010):
+        for each in (history, closed):
+            each.put(solved(frame, distrusted=("head",) if frame == 2400 else ()))
+        assert len(history.extent) <= 1000
+    first = history.frames.start
+    assert 2010 <= first <= 2110
+    assert all(history.solved(frame) is not None for frame in range(first, 3010))
+    assert history.solved(first - 1) is None
+    assert history.extent.start == first and history.newest == 3009
+    assert history.doubtful_beside(0, 1) == history.doubtful_beside(5000, -1) == 2400
+    assert history.overview().known.sum() == np.ceil(0.6 * (3010 - first))
+    history.put(solved(first - 1))
+    assert history.solved(first - 1) is None, "it is outside the range"
+    assert all(closed.solved(frame) is not None for frame in range(10, 3010))
+
+
+def test_a_number_far_ahead_takes_no_more_memory(solved: Make) -> None:
+    history = FrameHistory(range(2**31), is_open=True)
+    for frame in (0, 5, 2**31 - 2):
         history.put(solved(frame))
-    assert all(history.solved(frame) is not None for frame in range(900, 1000))
-    assert history.solved(899) is None
-    assert shelf.asked == [899]
+    assert history.solved(2**31 - 2) is not None and history.solved(5) is None
+    assert history.newest == 2**31 - 2 and len(history.extent) <= MOST_FRAMES
 
 
-def test_what_has_left_the_ring_is_fetched_and_forgotten_again(solved: Make) -> None:
-    history = FrameHistory(range(5000), capacity=100)
-    for frame in range(5000):
-        history.put(solved(frame))
-    for frame in range(1000):
-        history.put(solved(frame))  # as the coordinator sends them on request
-    assert history.newest == 4999
-    kept = [frame for frame in range(1000) if history.solved(frame) is not None]
-    assert kept == list(range(1000 - len(kept), 1000))
-    assert len(kept) == 512
-
-
-def test_older_frames_may_be_at_hand(solved: Make) -> None:
-    shelf = Shelf(solved(3), solved(4, distrusted=("head",)), solved(60))
-    history = FrameHistory(range(1000), capacity=10, older=shelf)
-    for frame in range(20, 50):
-        history.put(solved(frame))
-    assert not history.overview().known[1] and not history.overview().doubtful.any()
-    assert history.sampled(1000).frames.tolist() == list(range(40, 50))
-    assert shelf.asked == [], "curves do not ask for what is not in memory"
-    found = history.solved(3)
-    assert found is not None and found.energy_px == 103
-    assert history.overview().known[1] and history.doubtful_beside(0, 1) is None
-    assert history.solved(4) is not None
-    assert history.overview().doubtful[2].tolist() == [False, True, False, False, False, False]
-    assert history.doubtful_beside(0, 1) == 4
-
-
-def test_why_a_frame_is_missing_is_said(solved: Make) -> None:
-    shelf = Shelf(solved(60))
-    history = FrameHistory(range(1000), capacity=10, older=shelf)
-    assert history.why_missing(0) == "is not known yet"
+def test_why_a_frame_is_missing_is_said(solved: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.viewer.frame_history.MOST_FRAMES", 600)
+    history = FrameHistory(range(100_000), is_open=True)
+    assert why_missing(0, history) == "Frame 0 is not known yet."
     history.put(solved(50))
-    assert history.why_missing(3) == "was eaten (3)"
-    assert history.why_missing(60) == "is not known yet"
-    assert history.solved(60) is None and history.solved(1000) is None and shelf.asked == []
+    assert why_missing(3, history).startswith("Frame 3 has not come: the coordinator keeps few frames")
+    assert why_missing(60, history) == "Frame 60 is not known yet."
+    history.put(solved(5000))
+    assert why_missing(3, history).startswith("Frame 3 is no longer in memory")
 
 
 def test_gaps_are_found_the_latest_first(solved: Make) -> None:
-    history = FrameHistory(range(100), capacity=50)
+    history = FrameHistory(range(100))
     assert history.last_gap() is None
     for frame in (0, 1, 5, 6, 9):
         history.put(solved(frame))
@@ -112,7 +89,10 @@ def test_gaps_are_found_the_latest_first(solved: Make) -> None:
         history.put(solved(frame))
     assert history.last_gap() is None
     history.put(solved(99))
-    assert history.last_gap() == range(50, 99)  # no more than the ring could hold
+    assert history.last_gap() == range(10, 99)
+    late = FrameHistory(range(20, 100))
+    late.put(solved(25))
+    assert late.last_gap() == range(20, 25)
 
 
 def test_curves_have_known_frames_only_and_no_more_than_they_want(solved: Make) -> None:
@@ -129,7 +109,7 @@ def test_curves_have_known_frames_only_and_no_more_than_they_want(solved: Make) 
 
 
 def test_the_overview_tells_of_the_whole_take_in_bins(solved: Make) -> None:
-    history = FrameHistory(range(6000), capacity=10)
+    history = FrameHistory(range(6000))
     for frame in range(3000):
         history.put(solved(frame, distrusted=("head",) if frame == 1234 else ()))
     overview = history.overview()
@@ -177,10 +157,7 @@ def test_a_first_pose_that_comes_late_does_not_replace_the_settled_one(solved: M
 
 
 def test_the_timeline_of_an_open_take_grows_with_it(solved: Make) -> None:
-    history, same = (
-        FrameHistory(range(100_000), capacity=10, is_open=True),
-        FrameHistory(range(2400), capacity=10),
-    )
+    history, same = FrameHistory(range(100_000), is_open=True), FrameHistory(range(2400))
     assert history.extent == range(600)
     for frame in range(1500):
         for each in (history, same):
@@ -190,3 +167,15 @@ def test_the_timeline_of_an_open_take_grows_with_it(solved: Make) -> None:
         vars(history.overview()).values(), vars(same.overview()).values(), strict=True
     ):
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("n_frames", [1, 599, 600, 601, 1000, 2401])
+def test_every_frame_is_in_its_bin(solved: Make, n_frames: int) -> None:
+    history = FrameHistory(range(7, 7 + n_frames))
+    energy_px = np.zeros(min(600, n_frames))
+    for frame in range(7, 7 + n_frames, 5):
+        history.put(solved(frame))
+        at = (frame - 7) * len(energy_px) // n_frames
+        energy_px[at] = max(energy_px[at], 100.0 + frame)
+    np.testing.assert_array_equal(history.overview().energy_px, energy_px)
+    np.testing.assert_array_equal(history.overview().known, energy_px > 0)

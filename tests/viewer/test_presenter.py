@@ -1,7 +1,7 @@
 """The presenter: joins late, asks for what it missed, and makes a show of it."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -23,6 +23,14 @@ from services.viewer.tiles import Look
 @pytest.fixture
 def shows() -> list[Show]:
     return []
+
+
+@pytest.fixture
+def store(result: Path) -> Iterator[Store]:
+    """The journal of a recorder whose results will be in the folder."""
+    store = Store(journal_of(result).parent)
+    yield store
+    store.close(remove=True)
 
 
 def _until(presenter: TakePresenter, condition: Callable[[], bool]) -> None:
@@ -49,39 +57,53 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
         presenter.close()
 
 
-def test_what_left_the_ring_is_fetched_from_the_coordinator(
-    walk: Take, shows: list[Show], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("services.viewer.presenter.KEPT_FRAMES", 50)
-    with Playback(walk, free_endpoint(), period_s=0.005) as playback:
-        presenter = TakePresenter(playback.endpoint, None, walk, shows.append)
-        _until(presenter, lambda: _newest(shows) > 150)
-        history = shows[-1].history
-        assert history.solved(20) is None
-        _until(presenter, lambda: history.solved(20) is not None)
-        assert history.capacity == 50
-        presenter.close()
-
-
 def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictures(
-    walk: Take, shows: list[Show], result: Path, monkeypatch: pytest.MonkeyPatch
+    walk: Take, shows: list[Show], store: Store, result: Path
 ) -> None:
-    monkeypatch.setattr("services.viewer.presenter.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         playback.forgotten_end = 10_000
-        store = Store(journal_of(result).parent)
         for frame in range(100):
             store.keep(playback.pose(frame))
+        while playback.next_frame < 100:
+            time.sleep(0.05)
         presenter = TakePresenter(playback.endpoint, None, walk, shows.append, result)
         _until(presenter, lambda: _newest(shows) > 150)
         show = shows[-1]
+        _until(presenter, lambda: all(show.history.solved(frame) is not None for frame in range(100)))
         solved = show.history.solved(20)
         assert solved is not None and show.artist is not None
         np.testing.assert_array_equal(solved.pose, playback.pose(20).pose)
-        assert all(show.history.solved(frame) is not None for frame in range(100))
         (tile,) = show.artist.draw(solved, Look("pictures", (3,), None))
         assert cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).std() > 10
-        store.close(remove=True)
+        presenter.close()
+
+
+def test_a_gap_that_the_coordinator_cannot_fill_is_read_from_the_journal(
+    walk: Take, shows: list[Show], store: Store, result: Path
+) -> None:
+    with Playback(walk, free_endpoint(), period_s=0.005) as playback:
+        playback.forgotten_end = 10_000
+        while playback.next_frame < 100:
+            time.sleep(0.05)
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append, result)
+        _until(presenter, lambda: _newest(shows) > 100 and len(playback.asked) > 2)
+        assert shows[-1].history.solved(20) is None
+        for frame in range(100):
+            store.keep(playback.pose(frame))
+        _until(presenter, lambda: all(shows[-1].history.solved(frame) is not None for frame in range(100)))
+        presenter.close()
+
+
+def test_what_was_settled_meanwhile_is_read_from_the_journal_at_the_end(
+    walk: Take, shows: list[Show], store: Store, result: Path
+) -> None:
+    with Playback(walk, free_endpoint(), frames=30, period_s=0.05) as playback:
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append, result)
+        _until(presenter, lambda: _newest(shows) > 20)
+        store.keep(playback.pose(7).model_copy(update={"settled": True}))
+        history = shows[-1].history
+        _until(presenter, lambda: (solved := history.solved(7)) is not None and solved.settled)
+        assert history.is_over
         presenter.close()
 
 
@@ -102,7 +124,7 @@ def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_aga
         presenter.listen(0.5)
         n_asked = len(playback.asked)
         for _ in range(100):
-            assert shows[-1].history.solved(50) is None  # as a page does that somebody scrubs there
+            assert shows[-1].history.solved(50) is None
             presenter.listen(0.02)
         assert len(playback.asked) - n_asked <= 4
         assert shows[-1].history.solved(150) is not None
