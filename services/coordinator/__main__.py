@@ -25,6 +25,7 @@ from services.mocap.take.actor_file import take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, known_poses, read_learnt
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
+from services.mocap.take.moved_cameras import take_of_fit
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
@@ -76,7 +77,7 @@ def main(
             hung_up = admission.ask_again
             signal.signal(signal.SIGHUP, lambda *_: hung_up())
             hung_up()  # the list may have changed just before the handler was installed
-        opened = open_source(take)
+        opened = take_of_fit(open_source(take), fitted)
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset, body)
         check_cost(engine_choice, search.cost)

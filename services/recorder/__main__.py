@@ -17,9 +17,11 @@ from services.listener import PosesListener
 from services.logs import about
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
+from services.mocap.take.moved_cameras import take_of_fit
 from services.options import (
     DEFAULT_OUTPUT,
     CutoffOption,
+    FittedOption,
     KeysOption,
     MetricsOption,
     SmoothOption,
@@ -133,6 +135,7 @@ def main(
     report: Annotated[bool, typer.Option(help="Write report.html.")] = True,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
+    fitted: FittedOption = None,
     known: Annotated[Path | None, typer.Option(help="A JSON file with further entries of run.json.")] = None,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
@@ -148,7 +151,7 @@ def main(
         own_keys = keys_of_client(keys, "recorder")
         entries = None if known is None else json.loads(known.read_text(encoding="utf-8"))
         output = output_settings(smooth, cutoff_hz)
-        source = open_source(take)
+        source = take_of_fit(open_source(take), fitted)
         about(take=source.settings.name)
         check_out(out)
         store, is_whole = Store(partial_of(out)), False

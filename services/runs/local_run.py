@@ -83,6 +83,7 @@ class RunSetup:
     coordinator: Arguments = ()
     limb_worker: Arguments = ()
     recorder: Arguments = ()
+    viewer: Arguments = ()
     """Further arguments of these."""
     segmentation: Sequence[Arguments]
     """Further arguments of each process of segmentation."""
@@ -144,7 +145,7 @@ def _start(launcher: Launcher, job: Job, setup: RunSetup) -> None:
     results = ("--out", str(job.out), *output_arguments(job.output), *setup.recorder)
     launcher.start("recorder", *source, *connect, *results, *keys)
     if job.page is not None:
-        page = ("--bind", job.page, "--results", str(job.out))
+        page = ("--bind", job.page, "--results", str(job.out), *setup.viewer)
         launcher.start("viewer", *source, *connect, *page, *keys)
 
 

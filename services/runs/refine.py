@@ -24,7 +24,7 @@ from services.mocap.errors import UserError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
-from services.mocap.result.result import Result, check_take, load_result
+from services.mocap.result.result import Result, as_tracked, check_take, load_result
 from services.mocap.sampling import evenly
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model, model_on_cpu
@@ -32,9 +32,11 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
+from services.mocap.take.moved_cameras import moved_take
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, Bytes, Floats, Ints, Mask
 from services.runs.motion_blur import cut_motion_blur
+from services.runs.moved_cameras import PLACING_FRAMES, disagree, if_moved, placed, warn_of_moved
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
@@ -71,8 +73,9 @@ def refine_take(
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises UserError
     if the result is of another take or shows the body in fewer than two frames; else as fit_take.
     """
-    take = silhouettes.take
-    found = result_of(take, result)
+    stated = silhouettes.take
+    found = result_of(stated, result)
+    take = as_tracked(stated, found)
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
     clock = Clock(show)
@@ -101,6 +104,9 @@ def refine_take(
             frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
             known = segmenter.knowing(occluded)
             cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
+            if disagree(cameras, seen, found.actor, poses):
+                take = _with_cameras_placed(take, found, known)
+                cameras = tuple(camera for camera in take.cameras if camera.name in {c.name for c in cameras})
         coloured = found.actor
         if learns_colours:
             seen_colours = dict(colours.colours) if colours else {}
@@ -110,7 +116,10 @@ def refine_take(
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = take.camera_names
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
-        return replace(refined, occluded=occluded, colour_tables=tables, run_poses=_run_poses(found))
+        return replace(
+            refined, occluded=occluded, colour_tables=tables, moved=if_moved(stated, take),
+            run_poses=_run_poses(found),
+        )  # fmt: skip
 
 
 def fit_other_way_round(
@@ -122,7 +131,8 @@ def fit_other_way_round(
     search: that of the result. Raises UserError if the result belongs to another take, or its silhouettes
     make no sense.
     """
-    take, found = silhouettes.take, result_of(silhouettes.take, result)
+    stated, found = silhouettes.take, result_of(silhouettes.take, result)
+    take = as_tracked(stated, found)
     rows = spread(found.distrusted[:, _TORSO], n_frames)
     if len(rows) < LEAST_FRAMES:
         return None
@@ -137,7 +147,8 @@ def fit_other_way_round(
             poses = turned_poses(model, seen, poses, search)
         clock = Clock(lambda _stage, _share: None)
         fit = _fitted(take, rig, seen, actor, poses, search.body, clock)
-        return concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
+        turned = concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
+        return replace(turned, moved=if_moved(stated, take))
 
 
 def _fitted(
@@ -148,6 +159,16 @@ def _fitted(
     with clock.stage("fitting the actor") as progress:
         start = in_best_hat(in_best_skirt(actor, poses, rig, seen), poses, rig, seen)
         return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height)
+
+
+def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Take:
+    """The take with its cameras where the body of a result shows them, after a warning; itself if it does not
+    show them clearly elsewhere."""
+    rows = least_doubtful_rows(found.distrusted, PLACING_FRAMES)
+    cameras, seen = seen_of(take, found.tracked.frames[rows].tolist(), segmenter, lambda _: None)
+    moved = moved_take(take, placed(cameras, seen, found.actor, found.tracked.poses[rows]))
+    warn_of_moved(take, moved)
+    return moved
 
 
 def _run_poses(found: Result) -> PoseTable:

@@ -88,12 +88,15 @@ def _setup(job: TakeJob, known: Path) -> RunSetup:
         of_segmentation += "--kept", str(job.kept)
     known.write_text(json.dumps(entries), encoding="utf-8")
     asked = ("--frames", f"{frames.start}:{frames.stop}")
+    with_fit = () if fitted is None else ("--fitted", str(fitted))
+    overlay = "--overlay" if job.overlay else "--no-overlay"
     return RunSetup(
         source=job.take.folder,
         endpoint=job.endpoint or free_endpoint(),
-        coordinator=asked if fitted is None else (*asked, "--fitted", str(fitted)),
+        coordinator=(*asked, *with_fit),
         # The report comes with the fit's pictures and the segmenter's name.
-        recorder=("--overlay" if job.overlay else "--no-overlay", "--no-report", "--known", str(known)),
+        recorder=(overlay, "--no-report", "--known", str(known), *with_fit),
+        viewer=with_fit,
         segmentation=[of_segmentation],
         actor=actor,
         first_frame=frames.start,

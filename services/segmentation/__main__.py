@@ -24,6 +24,7 @@ from services.mocap.errors import UserError, nearest
 from services.mocap.take.fit_record import read_learnt
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
+from services.mocap.take.moved_cameras import take_of_fit
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import STOP_CHECK_S, StopRequest, run_service
 from services.segmentation.live.serving import serve_live
@@ -174,7 +175,8 @@ def main(
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
-        source, own_keys = open_source(take), keys_of_client(keys, "segmentation")
+        source = take_of_fit(open_source(take), fitted)
+        own_keys = keys_of_client(keys, "segmentation")
         about(take=source.settings.name)
         chosen = _choose(source, cameras)
         if isinstance(source, LiveTake):

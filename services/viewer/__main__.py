@@ -16,7 +16,8 @@ from services.address import LOOPBACK, Address
 from services.health import beat
 from services.mocap.errors import UserError
 from services.mocap.take.live import open_source
-from services.options import KeysOption, MetricsOption, keys_of_client
+from services.mocap.take.moved_cameras import take_of_fit
+from services.options import FittedOption, KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
 from services.viewer.metrics import BROWSERS
 from services.viewer.presenter import TakePresenter
@@ -96,6 +97,7 @@ def main(
             help="Niceness of the viewer once a browser has loaded the page, so that tracking has priority.",
         ),
     ] = 10,
+    fitted: FittedOption = None,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
 ) -> None:
@@ -105,7 +107,7 @@ def main(
         expected = f"HOST:PORT, such as {DEFAULT_ADDRESS}"
         address, given_way = Address.of(bind, "--bind", expected, lowest_port=0), False
         token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
-        folder = None if take is None else open_source(take)
+        folder = None if take is None else take_of_fit(open_source(take), fitted)
         with (
             closing(PageServer(address, token)) as server,
             closing(TakePresenter(connect, own_keys, folder, server.show, results)) as presenter,

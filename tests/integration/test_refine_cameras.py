@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from services.commands.calibrate.refine import REFINED, moved_by
+from services.commands.calibrate.refine import REFINED
+from services.mocap.calibration.from_body import moved_by
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import CALIBRATION

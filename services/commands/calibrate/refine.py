@@ -1,16 +1,14 @@
 """`xormocap calibrate TAKE --refine RESULT`: extrinsics refined by the body that was tracked."""
 
-from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
-from scipy.spatial.transform import Rotation
 
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
-from services.mocap.calibration.from_body import Refined, refine_cameras
+from services.mocap.calibration.from_body import Refined, moved_by, refine_cameras
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
@@ -18,6 +16,8 @@ from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
+from services.mocap.take.moved_cameras import moved_take
+from services.runs.moved_cameras import PLACING_FRAMES
 from services.runs.refine import result_of, spread
 from services.runs.reporting import Show, kept_warnings
 from services.runs.take_silhouettes import trimaps_of
@@ -25,8 +25,6 @@ from services.segmentation.segmenters import make_segmenter
 
 REFINED = "calibration-refined.toml"
 _REPLACED = "calibration-before.toml"
-_N_FRAMES = 48
-"""Half of them are kept out, to judge by; more hardly make the cameras more exact."""
 _LEAST_FRAMES = 8
 _FEWEST_CAMERAS = 2
 _SEEN_AT = 0.2
@@ -58,11 +56,7 @@ def refine_take(folder: Path, result: Path, out: Path | None) -> None:
             f"{calibration}: other extrinsics fit frames that were kept out no better: nothing is written; "
             "look for wrong silhouettes (xormocap segment) and cameras out of step (xormocap sync)"
         )
-    moved = (
-        replace(old, R_camera_world=new.R_camera_world, t_camera_world_m=new.t_camera_world_m)
-        for old, new in zip(take.calibrated, refined.cameras, strict=True)
-    )
-    write_calibration(out, tuple(moved), take.settings.up)
+    write_calibration(out, moved_take(take, refined.cameras).calibrated, take.settings.up)
     old, new, kept, take_folder, results = (
         quote(str(path)) for path in (calibration, out, folder / _REPLACED, folder, result)
     )
@@ -88,7 +82,7 @@ def refine_take_cameras(take: Take, result: Path, show: Show) -> tuple[Refined, 
     marked = np.asarray(found.distrusted.any(axis=1), bool)
     if np.count_nonzero(~marked) < _LEAST_FRAMES:
         raise UserError(f"--refine {found.folder}: expected at least {_LEAST_FRAMES} frames without a mark")
-    rows = spread(marked, _N_FRAMES)
+    rows = spread(marked, PLACING_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
         made = make_segmenter(take, take.cameras, found.segmenter)
@@ -114,10 +108,3 @@ def _table(cameras: tuple[Camera, ...], refined: Refined) -> Table:
         moved = ("-", "-", "held") if is_held else (f"{turned_deg:.2f}", f"{moved_mm:.0f}", "")
         table.add_row(escape(old.name), f"{before:.3f}", f"{after:.3f}", *moved)
     return table
-
-
-def moved_by(old: Camera, new: Camera) -> tuple[float, float]:
-    """How far a camera turned, in degrees, and moved, in millimetres."""
-    turn = Rotation.from_matrix(new.R_camera_world @ old.R_camera_world.T)
-    away_m = np.linalg.norm(new.centre_world_m - old.centre_world_m)
-    return float(np.degrees(turn.magnitude())), 1e3 * float(away_m)

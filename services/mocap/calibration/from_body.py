@@ -122,6 +122,32 @@ def moves_px(cameras: tuple[Camera, ...], motions: Floats, points_m: Floats) -> 
     return found
 
 
+def moved_by(old: Camera, new: Camera) -> tuple[float, float]:
+    """How far a camera turned, in degrees, and moved, in millimetres."""
+    turn = Rotation.from_matrix(new.R_camera_world @ old.R_camera_world.T)
+    away_m = np.linalg.norm(new.centre_world_m - old.centre_world_m)
+    return float(np.degrees(turn.magnitude())), 1e3 * float(away_m)
+
+
+def offsets_px(cameras: tuple[Camera, ...], seen: TriPlanes, actor: Actor, poses: Floats) -> Floats:
+    """(C,) how far each camera sees an actor in poses (F, D) beside the silhouettes (F, P, H, W), in working
+    pixels: the shift t of all its pictures that leaves least of the residuals r along the normals n,
+
+        sum w (r - n t)^2
+    """
+    rig = Rig.of(cameras)
+    matched = match_frames(build_body(actor), poses, rig, contours_of(rig, seen, CONTOUR_POINTS))
+    offsets = np.zeros(len(cameras))
+    for c, views in enumerate(zip(*matched, strict=True)):
+        normals = np.concatenate([view.normals for view in views]) * rig.scales[c]
+        residuals_px = np.concatenate([view.residuals_px for view in views])
+        weights = np.concatenate([view.lengths_px for view in views]) * _STAGES[1].weights(residuals_px)
+        weighted = weights[:, None] * normals
+        shift_px = np.linalg.solve(normals.T @ weighted + _RIDGE * np.eye(2), weighted.T @ residuals_px)
+        offsets[c] = np.linalg.norm(shift_px)
+    return offsets
+
+
 def _motion_of(x: Floats) -> RigidTransform:
     """The rigid motion of a rotation vector and a translation in metres, x (6,)."""
     return RigidTransform(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:])

@@ -47,8 +47,8 @@ class FitRecord(FrozenModel):
     is_refined: bool = False
     """Whether it was a fit to frames of the whole take, by the poses of a result."""
     projections: dict[str, tuple[tuple[float, ...], ...]] = Field(default_factory=dict)
-    """By camera that saw the actor the rows of its P_px_world, in the pixels of its calibration; empty in
-    records of earlier versions."""
+    """By camera that saw the actor the rows of its P_px_world by the take's calibration, in the pixels of
+    that; empty in records of earlier versions."""
     hints: dict[str, Any]
     """The hints about the first pose in take.toml (hints_of)."""
     energy_before_px: list[float]
@@ -62,6 +62,9 @@ class FitRecord(FrozenModel):
     """Wall time of each stage."""
     lacking: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """By camera which of hands, feet and head its silhouettes lack in these frames."""
+    moved: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    """By camera that does not stand where the take's calibration says: by how many degrees it is turned, and
+    by how many millimetres it is moved; calibration.toml next to this record has its place."""
     warnings: list[str]
 
 

@@ -12,6 +12,8 @@ from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.lacking_ends import LACKING_REMEDY, lacking_in_words
+from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.layout import CALIBRATION
 from services.mocap.take.marks import PARTS, WHOLE_BODY
 from services.mocap.types import Floats, Mask
 from services.mocap.verdict.verdict import (
@@ -134,6 +136,7 @@ def _found(result: Result, iou: Mapping[str, Floats], before: tuple[Cause, ...])
     explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
     return (
         *_body(result),
+        *_moved_cameras(result),
         *_silhouettes(result, len(iou)),
         *_cameras(result, iou, explained),
         *_moments(result, iou, explained),
@@ -212,6 +215,21 @@ def _silhouettes(result: Result, n_cameras: int) -> Iterator[Cause]:
             what=sentence,
             remedy=LACKING_REMEDY,
             level="usable with gaps" if 2 * most > n_cameras else "good",
+        )
+
+
+def _moved_cameras(result: Result) -> Iterator[Cause]:
+    """Cameras that do not stand where the calibration says, which the run has corrected."""
+    moved: dict[str, tuple[float, float]] = result.run.get("fit", {}).get("moved", {})
+    if moved:
+        places = (
+            f"{name} (turned by {deg:.1f} degrees, moved by {mm:.0f} mm)" for name, (deg, mm) in moved.items()
+        )
+        yield Cause(
+            what=f"not where calibration.toml says: {', '.join(places)}; tracked with their places as the "
+            "body shows them",
+            remedy=f"calibrate again, or copy {result.folder / FIT_FOLDER / CALIBRATION} into the take",
+            level="good",
         )
 
 
