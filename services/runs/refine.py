@@ -6,7 +6,7 @@ and which colours each part of the actor has.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,40 +17,31 @@ from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, as_tracked, check_take, load_result
 from services.mocap.sampling import evenly
-from services.mocap.search.error_by_part import PART_SEGMENTS
-from services.mocap.search.model import Model, model_on_cpu
-from services.mocap.search.occlusion import PosedFrame, find_occluded
+from services.mocap.search.model import model_on_cpu
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.take.moved_cameras import moved_take
 from services.mocap.take.tables import PoseTable
-from services.mocap.types import ACTOR, Bytes, Floats, Ints, Mask
+from services.mocap.types import Floats, Ints, Mask
+from services.runs.look_over import Learnt, look_over
 from services.runs.motion_blur import cut_motion_blur
 from services.runs.moved_cameras import PLACING_FRAMES, disagree, if_moved, placed, warn_of_moved
 from services.runs.reporting import Clock, Show, kept_warnings
-from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
-from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
+from services.runs.take_fit import TakeFit, concluded, warn_of_occluded
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import faces_other_way, turned_poses
-from services.segmentation.background import CameraBackground
-from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
-from services.segmentation.silhouettes import Moment, Segmenter, packed
+from services.segmentation.silhouettes import Segmenter
 
 DEFAULT_REFINE_FRAMES = 16
 LEAST_FRAMES = 2
-_MOST_READ, _LOOKED_AT = 120, 60
-"""All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
-_TAUGHT = 48
-"""Of these so many at least teach what colours the actor has."""
 
 _TORSO = PARTS.index("torso")
 
@@ -88,31 +79,28 @@ def refine_take(
                     segmenter, silhouettes.kept, take.cameras, found.actor, found.tracked,
                     lambda share: progress(0.3 * share),
                 )  # fmt: skip
-            occluded, colours = look_over(
-                take,
-                found,
-                segmenter,
-                lambda share: progress(0.3 + 0.4 * share),
-                learns_colours=learns_colours,
-            )
             rows = least_doubtful_rows(found.distrusted, n_frames)
             if len(rows) < LEAST_FRAMES:
                 raise UserError(
                     f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames in which the whole "
                     "body is not lost"
                 )
-            frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
-            known = segmenter.knowing(occluded)
-            cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
+            poses = found.tracked.poses[rows]
+            look = partial(_look, found, rows, segmenter, progress, learns_colours=learns_colours)
+            (occluded, colours), (cameras, seen) = look(take)
             if disagree(cameras, seen, found.actor, poses):
-                take = _with_cameras_placed(take, found, known)
-                cameras = tuple(camera for camera in take.cameras if camera.name in {c.name for c in cameras})
+                moved = _with_cameras_placed(take, found, segmenter.knowing(occluded))
+                if moved is not take:
+                    take = moved
+                    (occluded, colours), (cameras, seen) = look(take)
+            warn_of_occluded(take, occluded)
         coloured = found.actor
         if learns_colours:
             seen_colours = dict(colours.colours) if colours else {}
             coloured = coloured.model_copy(update={"colours": seen_colours})
         fit = _fitted(take, Rig.of(cameras), seen, coloured, poses, body, clock)
         started = found.actor, poses[0]
+        frames = tuple(found.tracked.frames[rows].tolist())
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = take.camera_names
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
@@ -120,6 +108,23 @@ def refine_take(
             refined, occluded=occluded, colour_tables=tables, moved=if_moved(stated, take),
             run_poses=_run_poses(found),
         )  # fmt: skip
+
+
+def _look(
+    found: Result,
+    rows: Ints,
+    segmenter: Segmenter,
+    progress: Callable[[float], None],
+    take: Take,
+    *,
+    learns_colours: bool,
+) -> tuple[Learnt, tuple[tuple[Camera, ...], TriPlanes]]:
+    """What the poses of a result tell of its take (look_over), and what cameras then see in some rows."""
+    learnt = look_over(
+        take, found, segmenter, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
+    )
+    frames, known = found.tracked.frames[rows].tolist(), segmenter.knowing(learnt[0])
+    return learnt, seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
 
 
 def fit_other_way_round(
@@ -162,11 +167,14 @@ def _fitted(
 
 
 def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Take:
-    """The take with its cameras where the body of a result shows them, after a warning; itself if it does not
-    show them clearly elsewhere."""
+    """The take with its cameras where the body of a result shows them, after a warning; the same take if it
+    does not show them clearly elsewhere."""
     rows = least_doubtful_rows(found.distrusted, PLACING_FRAMES)
     cameras, seen = seen_of(take, found.tracked.frames[rows].tolist(), segmenter, lambda _: None)
-    moved = moved_take(take, placed(cameras, seen, found.actor, found.tracked.poses[rows]))
+    there = placed(cameras, seen, found.actor, found.tracked.poses[rows])
+    if there is cameras:
+        return take
+    moved = moved_take(take, there)
     warn_of_moved(take, moved)
     return moved
 
@@ -177,68 +185,6 @@ def _run_poses(found: Result) -> PoseTable:
     return PoseTable(
         tracked.frames[kept], tracked.times_s[kept], tracked.poses[kept], tracked.energies_px[kept]
     )
-
-
-def look_over(
-    take: Take,
-    found: Result,
-    segmenter: Segmenter,
-    progress: Callable[[float], None],
-    *,
-    learns_colours: bool,
-) -> tuple[dict[str, Mask], ColourClasses | None]:
-    """What the poses of a result tell: by camera the pixels (h, w) in which something hides the actor, and
-    the actor's colour classes, None without pictures or if there is one colour only."""
-    rig, n_frames = Rig.of(take.cameras), len(found.tracked.frames)
-    rows = spread(np.zeros(n_frames, bool), n_frames if n_frames <= _MOST_READ else _LOOKED_AT)
-    frames: Sequence[int] = found.tracked.frames[rows].tolist()
-    if len(rows) == n_frames:
-        frames = range(frames[0], frames[-1] + 1)
-    height_px, width_px = rig.shape_px
-
-    def posed() -> Iterator[PosedFrame]:
-        moments = read_moments(frames, segmenter, with_pictures=learns_colours)
-        for k, (row, moment) in enumerate(zip(rows, moments, strict=True)):
-            pose, distrusted = found.tracked.poses[row], found.distrusted[row]
-            if learns_colours and k % max(1, len(rows) // _TAUGHT) == 0:
-                lesson.add(moment, pose, distrusted)
-            yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
-            progress((k + 1) / len(rows))
-
-    with model_on_cpu(found.actor, rig) as model:
-        lesson = _ColourLesson(model, take.cameras)
-        masks = find_occluded(model, posed(), partial(_empty_stage, take))
-    occluded = occluded_by_camera(take.cameras, masks)
-    warn_of_occluded(take, occluded)
-    return occluded, lesson.learner.conclude()
-
-
-def _empty_stage(take: Take, camera: int) -> Bytes | None:
-    """A camera's recorded clean plate (h, w, 3), undistorted; None without one."""
-    picture = CameraBackground(take, take.cameras[camera]).mean_picture()
-    return None if picture is None else Undistorter(take.cameras[camera]).image(picture)
-
-
-class _ColourLesson:
-    """Shows a learner what each piece of a tracked body looks like."""
-
-    def __init__(self, model: Model, cameras: Sequence[Camera]) -> None:
-        self._model, self._region = model, Region.whole(model.rig)
-        self._undistorters = [Undistorter(camera) for camera in cameras]
-        self.learner = ColourLearner(len(cameras))
-
-    def add(self, moment: Moment, pose: Floats, distrusted: Mask) -> None:
-        """Add a moment, undistorted, with its pose (D,); parts that are distrusted (6,) teach nothing, and
-        nothing does if that is the torso."""
-        if moment.images_bgr is None or distrusted[_TORSO]:
-            return
-        pieces = self._model.colours.painted(pose, self._region, PIECES)
-        marked = [s for part in np.array(PARTS)[distrusted] for s in PART_SEGMENTS[part]]
-        pieces[np.isin(pieces, PIECES[marked])] = 0
-        for c, (undistorter, trimap) in enumerate(zip(self._undistorters, moment.trimaps, strict=True)):
-            height, width = trimap.shape
-            image = undistorter.image(moment.images_bgr[c])
-            self.learner.add(c, image, pieces[c, :height, :width], trimap == ACTOR)
 
 
 def result_of(take: Take, folder: Path) -> Result:

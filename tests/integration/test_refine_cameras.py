@@ -14,8 +14,11 @@ from scipy.spatial.transform import Rotation
 from services.commands.calibrate.refine import REFINED
 from services.mocap.calibration.from_body import moved_by
 from services.mocap.camera.calibration import write_calibration
+from services.mocap.result.result import load_result, open_take_of
+from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import CALIBRATION
+from services.mocap.verdict.judging import verdict_of
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -69,3 +72,30 @@ def test_the_knocked_camera_comes_back_and_the_given_file_stays(
     said = refused("calibrate", "--refine", result)
     assert "expected the take as well: calibrate TAKE --refine RESULT" in " ".join(said.split())
     assert (knocked_take / CALIBRATION).read_bytes() == given
+
+
+def test_a_take_is_tracked_with_its_cameras_where_the_first_run_shows_them(
+    knocked_take: Path, exact_take: Path, xormocap: Command, tmp_path: Path
+) -> None:
+    out, given = tmp_path / "out", (knocked_take / CALIBRATION).read_bytes()
+    done = xormocap("track", knocked_take, "--out", out, "--workers", 1, "--no-overlay", "--refine")
+    assert done.returncode == 0, done.stderr
+    assert (knocked_take / CALIBRATION).read_bytes() == given
+    result = load_result(out)
+    assert list(result.run["fit"]["moved"]) == ["cam02"]
+    true, used = open_take(exact_take).cameras, open_take_of(result, knocked_take).cameras
+    turned_deg, moved_mm = moved_by(used[1], true[1])
+    assert turned_deg < 0.1
+    assert moved_mm < 10
+    assert result.run["accuracy"]["mean_mm"] < 3
+    assert result.energies_px.max() < 150  # 800 and more with the camera where it is not
+    (said,) = (cause for cause in verdict_of(result).causes if "not where calibration.toml" in cause.what)
+    assert "cam02 (turned by 1.0 degrees" in said.what
+    kept = out / FIT_FOLDER / CALIBRATION
+    assert str(kept) in said.remedy
+
+    # With what the remedy says, the calibration is right: no fit moves a camera of it any more.
+    fitted = tmp_path / "fitted"
+    shutil.copy(kept, knocked_take / CALIBRATION)
+    assert xormocap("fit", knocked_take, "--refine", out, "--out", fitted).returncode == 0
+    assert not (fitted / CALIBRATION).exists()

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from services.commands.calibrate.refine import moved_by
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.calibration.from_body import refine_cameras
+from services.mocap.calibration.from_body import moved_by, offsets_px, refine_cameras
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
@@ -68,6 +67,16 @@ def test_a_knocked_camera_is_found_again_and_the_others_stay(poses: Floats, seen
     assert refined.before.iou[:, _KNOCKED].mean() < 0.6
     assert refined.after.iou[:, _KNOCKED].min() > 0.99
     assert shares == sorted(shares)
+
+
+def test_a_knocked_camera_sees_the_body_beside_the_silhouettes(poses: Floats, seen: TriPlanes) -> None:
+    true = tuple(studio_cameras(6))
+    given = tuple(_knocked(camera) if c == _KNOCKED else camera for c, camera in enumerate(true))
+    offsets = offsets_px(given, seen, _ACTOR, poses)
+    assert offsets[_KNOCKED] > 3.0
+    assert np.delete(offsets, _KNOCKED).max() < 0.05
+    empty = TriPlanes.sure(np.zeros_like(seen.silhouettes))
+    assert not offsets_px(true, empty, _ACTOR, poses).any()
 
 
 def test_cameras_that_stand_where_they_did_are_held(poses: Floats, seen: TriPlanes) -> None:
