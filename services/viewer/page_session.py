@@ -59,7 +59,6 @@ class PageSession:
         self._charts_pacing = SendPacing(pace.chart_s, pace.rest, _SELDOM)
         self._frusta_pacing = SendPacing(pace.frusta_s, pace.rest, _RARELY)
         self._timeline_pacing = SendPacing(pace.timeline_s)
-        self._answered: set[SendPacing] = set()
         self._sending: SendPacing | None = None
         """The large update that the browser has not answered yet."""
         self._last_large: SendPacing | None = None
@@ -67,6 +66,8 @@ class PageSession:
         self._frusta_frame = self._timeline_version = -1
         self._charts_drawn: dict[str, int] = {}
         """By title: the version of the history of which each chart was last drawn."""
+        self.has_shown = False
+        """Whether the browser has received a curve, which comes after the pictures if there are any."""
         self._placed: SolvedFrame | None = None
         self._missing = -1
         self._behind_s: float | None = None
@@ -116,12 +117,6 @@ class PageSession:
         self._last_large = found
         return found
 
-    @property
-    def has_shown(self) -> bool:
-        """Whether the browser has received the pictures (if there are any) and the curves."""
-        wanted = {self._charts_pacing} | ({self._grid.pacing} if self._show.artist is not None else set())
-        return wanted <= self._answered
-
     def _show_room(self, solved: SolvedFrame) -> bool:
         """Send the small updates at once, because drawing pictures takes time."""
         with self._client.atomic():
@@ -141,7 +136,7 @@ class PageSession:
         """Called when the browser has received what was sent."""
         if self._sending is not None:
             self._sending.done(self._began_s, self._made_s, self._cpu_s)
-            self._answered.add(self._sending)
+            self.has_shown |= self._sending is self._charts_pacing
         if self._sending in (None, self._grid.pacing):  # the bytes of other updates are not counted
             sent_bytes = 0 if self._sending is None else self._grid.sent_bytes
             self._grid.connection.note(sent_bytes, time.monotonic() - self._made_s)

@@ -43,13 +43,9 @@ class Page:
         self, client: viser.ClientHandle, channel: Channel, current: Callable[[], Show | None]
     ) -> None:
         self._client, self.channel, self._current = client, channel, current
-        self._session: PageSession | None = None
+        self.session: PageSession | None = None
+        """Of the current show; None before the first one."""
         self.is_open = True
-
-    @property
-    def has_shown(self) -> bool:
-        """Whether the browser has received the body, the pictures (if there are any) and the curves."""
-        return self._session is not None and self._session.has_shown
 
     def run(self) -> None:
         """Send updates until the browser is gone or the page is closed."""
@@ -81,11 +77,11 @@ class Page:
                 continue
             if show is not shown:
                 shown = show
-                self._session = PageSession(self._client, self.channel, show)
-            if self._session is not None and self._session.update():
+                self.session = PageSession(self._client, self.channel, show)
+            if self.session is not None and self.session.update():
                 with ANSWER.time():
                     self._await_answer()
-                self._session.note_answer()
+                self.session.note_answer()
 
     def _await_answer(self) -> None:
         """Wait until the browser has taken in all that was sent; raises _GoneError where it has left."""
@@ -155,9 +151,11 @@ class PageServer:
 
     @property
     def has_shown(self) -> bool:
-        """Whether a browser has received all kinds of content."""
+        """Whether a browser has received the body, the pictures (if there are any) and a curve."""
         with self._lock:
-            return any(page.has_shown for page, _ in self._pages.values())
+            return any(
+                page.session is not None and page.session.has_shown for page, _ in self._pages.values()
+            )
 
     def show(self, show: Show) -> None:
         """Set the show for all browsers."""
