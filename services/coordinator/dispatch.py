@@ -30,8 +30,6 @@ DEADLINE_FACTOR = 4.0
 """Number of mean deviations added to it."""
 _NEW_SHARE, _NEW_DEVIATION_SHARE = 0.125, 0.25
 _MOST_MISSING = 64
-_PASSES_PER_SWEEP = 10_000
-"""Numbers of passes that each sweep through the take has to itself."""
 
 
 def key_of(message: OfLimbTask) -> Key:
@@ -113,8 +111,6 @@ class Dispatcher:
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
         self._probed_s = 0.0
-        self._latest = ((0, -1), 0)
-        """Sweep and frame of the last pass, and its number."""
         self._deadline = _Deadline()
         self.retries = 0
         self.dropped = 0
@@ -147,15 +143,6 @@ class Dispatcher:
     def pending(self) -> bool:
         """Whether a submitted task still lacks its result."""
         return bool(self._open)
-
-    def next_pass(self, frame: int, sweep: int = 0) -> int:
-        """The number of the next pass over a frame; every sweep visits a frame once.
-
-        A coordinator that solves a frame again, after another one's death, numbers its passes the same way.
-        """
-        last, number = self._latest
-        self._latest = ((sweep, frame), number + 1 if (sweep, frame) == last else sweep * _PASSES_PER_SWEEP)
-        return self._latest[1]
 
     def submit(self, tasks: list[LimbTask]) -> None:
         """Add new tasks; open tasks of an earlier submission are cancelled."""

@@ -1,5 +1,7 @@
 """Gives the limbs of a pass to the workers; the coordinator solves those for which no worker is free."""
 
+import itertools
+import secrets
 import time
 from collections.abc import Callable, Iterator
 
@@ -13,6 +15,8 @@ from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.take.marks import LimbName
 
+_FIRST_PASSES = 2**30
+"""The first pass has a random number below this, which leaves as many for those that follow."""
 _RESULT_WAIT_S = 0.02
 """How long to wait for a result before checking for late tasks and lost workers."""
 
@@ -45,16 +49,16 @@ class RemoteLimbs:
         self._overhead = overhead or Overhead()
         self.frame = 0
         """The frame that jobs belong to."""
-        self.sweep = 0
-        """The sweep through the take that they belong to: 0 forwards, 1 back, 2 settling; from 3 on
-        the ways back of live input."""
+        self._passes = itertools.count(secrets.randbelow(_FIRST_PASSES))
+        """Numbers of passes. They start at random, so that a late result of an earlier coordinator, which may
+        be of another search of the same frame, is not taken for one of this coordinator's."""
 
     def start(self, jobs: list[LimbJob]) -> None:
         """See LimbPool.start."""
         with self._overhead.talking():
             self._pump(0.0)
             self._jobs = {job.limb: job for job in jobs}
-            number = self._dispatcher.next_pass(self.frame, self.sweep)
+            number = next(self._passes)
             self._dispatcher.submit(
                 [
                     LimbTask(

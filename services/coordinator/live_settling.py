@@ -7,7 +7,7 @@ import numpy as np
 
 from services.coordinator.incoming import Frame
 from services.coordinator.limbs import RemoteLimbs
-from services.coordinator.settling import SWEEPS, fetch_poses
+from services.coordinator.settling import fetch_poses
 from services.coordinator.switchboard import Switchboard
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.both_ways import Step
@@ -15,9 +15,6 @@ from services.mocap.search.fixed_lag import FixedLag, Tracked
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-
-_WAYS_BACK = 8
-"""Numbers for sweeps on the way back, for RemoteLimbs: more than there are ways back through one frame."""
 
 
 class LiveSettling:
@@ -38,9 +35,8 @@ class LiveSettling:
         self._frames = deque[Frame]()
         """Those that are not settled."""
         self._steps: Iterator[Step] = iter(())
-        self._at = first_frame, 0
-        """The frame and the sweep of the next step."""
-        self._n_blocks = 0
+        self._at = first_frame
+        """The frame of the next step."""
 
     def note(self, frame: Frame, solution: FrameSolution, memory: dict[str, list[int]]) -> None:
         """Add the next frame, its first solution and the tracker's memory after it.
@@ -56,19 +52,15 @@ class LiveSettling:
 
     def work(self) -> bool:
         """Do one step: solve a frame, or publish one; False if there is nothing to do yet."""
-        newest = self._limbs.frame, self._limbs.sweep
-        self._limbs.frame, self._limbs.sweep = self._at
+        newest, self._limbs.frame = self._limbs.frame, self._at
         step = next(self._steps, None)
-        self._limbs.frame, self._limbs.sweep = newest
+        self._limbs.frame = newest
         if step is None:
             self._steps = self._lag.settle()
             step = next(self._steps, None)
             if step is None:
                 return False
-            self._n_blocks += 1
-        # A frame is tracked back with its own block and with several before it.
-        way_back = len(SWEEPS) + 1 + self._n_blocks % _WAYS_BACK
-        self._at = step.frame, way_back if step.sweep == "tracking back" else SWEEPS[step.sweep]
+        self._at = step.frame
         self._publish_step(step)
         return True
 

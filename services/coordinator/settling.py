@@ -10,7 +10,7 @@ from proto.streams import ASK_RECORDERS_AGAIN_S
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.recorders import LostFramesError, Recorders
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.search.both_ways import Step, Sweep, solve_both_ways
+from services.mocap.search.both_ways import Step, solve_both_ways
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
@@ -20,8 +20,6 @@ _ASK_FRAMES = 500
 """Poses are requested from recorders in as many at once."""
 _RECORDERS_SILENT_S = 30.0
 """How long recorders may send nothing before this coordinator gives up."""
-SWEEPS: dict[Sweep, int] = {"tracking back": 1, "settling": 2}
-"""Their numbers for RemoteLimbs."""
 
 
 def fetch_poses(
@@ -81,4 +79,4 @@ class Settling:
         forward = np.array([self._poses[frame] for frame in frames])
         for step in solve_both_ways(model, settings, limbs, self.seen, forward, self._fps):
             yield frames[step.frame], step
-            limbs.frame, limbs.sweep = frames[step.frame], SWEEPS[step.sweep]
+            limbs.frame = frames[step.frame]

@@ -69,20 +69,6 @@ def test_a_worker_that_comes_late_joins_in(floor: Floor) -> None:
     assert floor.dispatcher.n_workers == 1
 
 
-def test_passes_are_numbered_within_a_frame_and_alike_when_it_is_solved_again(floor: Floor) -> None:
-    numbers = [floor.dispatcher.next_pass(frame) for frame in (7, 7, 7, 8, 8)]
-    assert numbers == [0, 1, 2, 0, 1]
-    assert [Floor().dispatcher.next_pass(8), floor.dispatcher.next_pass(9)] == [0, 0]
-
-
-def test_a_second_sweep_has_numbers_of_its_own(floor: Floor) -> None:
-    """A late result of the first sweep cannot be taken for one of the second, of the same frame."""
-    first = [floor.dispatcher.next_pass(frame) for frame in (7, 7, 8, 8)]
-    back = [floor.dispatcher.next_pass(frame, sweep=1) for frame in (8, 8, 7)]
-    assert set(back).isdisjoint(first)
-    assert back == [Floor().dispatcher.next_pass(8, sweep=1), back[0] + 1, back[0]]
-
-
 def test_a_second_result_is_dropped(floor: Floor) -> None:
     workers = floor.workers(4)
     floor.dispatcher.submit(pass_tasks())

@@ -8,6 +8,7 @@ from floor import Floor
 
 from proto.framing import decode, encode
 from proto.messages import Blob, LimbTask
+from services.coordinator.dispatch import Key, key_of
 from services.coordinator.limbs import RemoteLimbs
 from services.limb_worker.solver import LimbSolver
 from services.mocap.body.actor import Actor, build_body
@@ -19,7 +20,7 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.frame import solve_frame
-from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.jobs import LocalLimbs, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
@@ -84,6 +85,20 @@ def test_workers_that_come_or_go_change_nothing_where_limbs_are_shared() -> None
         poses.add(solve_frame(model, picture, start[None], QUICK, remote).pose.tobytes())
         assert sum(workshop.dispatcher.helped.values()) == (8 if n_workers else 0)
     assert len(poses) == 1
+
+
+def test_a_late_result_fits_no_later_pass_of_its_frame_and_no_pass_of_another_coordinator() -> None:
+    model, picture, start = _scene()
+    jobs = limb_jobs(model, picture, start, QUICK)
+    keys = list[Key]()
+    for _ in range(2):
+        floor = Floor()
+        workers = floor.workers(8)
+        remote = RemoteLimbs(model, "walk", "0" * 32, ACTOR.content_hash, floor.dispatcher, lambda _: None)
+        for _ in range(2):
+            remote.start(jobs)
+        keys += [key_of(task) for worker in workers for task in floor.inbox[worker]]
+    assert len(keys) == len(set(keys)) == 16
 
 
 def _scene() -> tuple[Model, Picture, Floats]:
