@@ -8,18 +8,17 @@ from collections.abc import Iterable
 from math import radians, tan
 from typing import Any
 
-import numba
 import numpy as np
 
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import Bytes, Mask, Trimap
 from services.segmentation.cleanup import cleanup
 from services.segmentation.comparison import Comparison
-from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
+from services.segmentation.pixels import MEAN_STEPS, Levels
 from services.segmentation.plate import Plate
 from services.segmentation.plate_noise import check_size
 
-_SHADOW_SIGMAS = np.float32(3)
+_SHADOW_SIGMAS = 3.0
 """How many deviations of noise may add to the turn of a shadow's colour."""
 _DISTANCE_SIGMAS = 5.0
 """Standard deviations from the clean plate at which the published test ends the background."""
@@ -70,36 +69,24 @@ class PaperTest:
         check_size(image_bgr, plate.shape, "image", "the clean plate")
         gains = self._comparison.compare(image_bgr, light_varies=False)
         differs = np.asarray(self._comparison.deviation2 > _DISTANCE_SIGMAS**2)
-        _drop_shadow(
-            differs, image_bgr, gains / np.float32(MEAN_STEPS), plate.mean, plate.turn_noise,
-            np.float32(_SHADOW_RATIO_MIN), np.float32(tan(radians(_SHADOW_ANGLE_DEG))),
-        )  # fmt: skip
+        seen = np.array([channel[differs] for channel in np.moveaxis(image_bgr, 2, 0)], np.float32)
+        mean = np.array([channel[differs] for channel in plate.mean])
+        differs[differs] = ~_is_shadow(seen, gains[:, None] / MEAN_STEPS * mean, plate.turn_noise[differs])
         return differs
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _drop_shadow(
-    differs: Mask, image_bgr: Bytes, gains: Levels, mean: Steps, turn_noise: Levels, ratio_min: np.float32,
-    tangent: np.float32,
-) -> None:  # fmt: skip
-    """Clear pixels of a mask (H, W) that show background in shadow: darker, not too dark, same colour.
+def _is_shadow(seen: Levels, lit: Levels, turn_noise: Levels) -> Mask:
+    """Which of some pixels (3, N) show background in shadow: darker, not too dark, same colour.
+
+    lit (3, N): the background in this picture's light. turn_noise (N,): see Plate.
 
     The turn of colour is the angle between the BGR vectors. Hue itself is undefined on grey walls and
     noisy near them, while a grey wall's vector is as well defined as any: navy before grey turns it by
     tens of degrees, shadow by hardly any. Noise turns dark colours further than bright ones, so its
     share is granted in levels, not in degrees.
     """
-    for y in range(differs.shape[0]):
-        for x in range(differs.shape[1]):
-            if differs[y, x]:
-                along = expected = length2 = seen2 = np.float32(0)
-                for c in range(3):
-                    seen, lit = np.float32(image_bgr[y, x, c]), gains[c] * np.float32(mean[c, y, x])
-                    along += seen * lit
-                    expected += min(lit, np.float32(255)) * lit
-                    length2 += lit * lit
-                    seen2 += seen * seen
-                along_levels = along / np.sqrt(max(length2, np.float32(1)))
-                allowed = along_levels * tangent + _SHADOW_SIGMAS * turn_noise[y, x]
-                is_same_colour = seen2 - along_levels * along_levels <= allowed * allowed
-                differs[y, x] = not (ratio_min * expected <= along < expected and is_same_colour)
+    along, expected = (seen * lit).sum(axis=0), (np.minimum(lit, 255) * lit).sum(axis=0)
+    along_levels = along / np.sqrt(np.maximum((lit * lit).sum(axis=0), 1))
+    allowed = along_levels * tan(radians(_SHADOW_ANGLE_DEG)) + _SHADOW_SIGMAS * turn_noise
+    is_same_colour = (seen * seen).sum(axis=0) - along_levels**2 <= allowed**2
+    return np.asarray((_SHADOW_RATIO_MIN * expected <= along) & (along < expected) & is_same_colour)
