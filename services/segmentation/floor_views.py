@@ -6,12 +6,13 @@ than most of the others, furniture or a wall stands before the floor.
 
 from collections.abc import Sequence
 
+import cv2
 import numba
 import numpy as np
 
-from services.mocap.types import Bytes, Floats, Ints
-from services.segmentation.lenses import Lenses, Pixels, raw_pixel
-from services.segmentation.pixels import MEAN_STEPS, Steps
+from services.mocap.types import Bytes, Floats
+from services.segmentation.lenses import Lenses
+from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 REACH_M, CELL_M = 5.0, 0.1
 """Half the side of the square about the world's origin that is looked at, and of its cells."""
@@ -33,12 +34,13 @@ def hidden_floor(height_m: float, lenses: Lenses, plate_means: Sequence[Steps]) 
     Rows go along y, columns along x. plate_means: per camera (3, H, W), in steps. The floor is what most
     cameras that have a place in view agree on. Where no two agree, it counts as hidden from all of them.
     """
-    middles_m: Floats = np.linspace(-REACH_M, REACH_M, N_CELLS, endpoint=False, dtype=np.float64) + CELL_M / 2
+    middles_m = np.linspace(-REACH_M, REACH_M, N_CELLS, endpoint=False) + CELL_M / 2
+    y_m, x_m = np.meshgrid(middles_m, middles_m, indexing="ij")
     colours = np.full((3, len(plate_means), N_CELLS, N_CELLS), np.nan)
-    for c, mean in enumerate(plate_means):
-        radius_px = max(1, round(_PATCH * mean.shape[2]))
-        _sample(middles_m, height_m, lenses.P_px_world[c], lenses.sizes_px[c], lenses.raw_px[c], mean,
-                radius_px, colours[:, c])  # fmt: skip
+    pixels = lenses.project(np.stack([x_m, y_m, np.full_like(x_m, height_m)], axis=-1))
+    for c, (mean, columns, rows) in enumerate(zip(plate_means, pixels[..., 0], pixels[..., 1], strict=True)):
+        seen = columns >= 0
+        colours[:, c, seen] = _patch_means(mean)[:, rows[seen], columns[seen]]
     logs = np.log(np.maximum(colours / MEAN_STEPS, 1.0))
     logs -= _gains(logs)[..., None, None]
     n_alike, n_unalike = np.zeros((2, *logs.shape[1:]), np.int32)
@@ -70,25 +72,14 @@ def _gains(logs: Floats) -> Floats:
     return gains.T
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sample(
-    middles_m: Floats, height_m: float, P_px_world: Floats, size_px: Ints, raw_px: Pixels, mean: Steps,
-    radius_px: int, colours: Floats,
-) -> None:  # fmt: skip
-    """Write the mean colours (3, N, N) of the patches that one camera shows of cells; NaN stays elsewhere."""
-    for i, y_m in enumerate(middles_m):
-        for j, x_m in enumerate(middles_m):
-            column, row = raw_pixel(P_px_world, size_px, raw_px, x_m, y_m, height_m)
-            if column < 0:
-                continue
-            top, bottom = max(row - radius_px, 0), min(row + radius_px + 1, mean.shape[1])
-            left, right = max(column - radius_px, 0), min(column + radius_px + 1, mean.shape[2])
-            for channel in range(3):
-                total = 0.0
-                for v in range(top, bottom):
-                    for u in range(left, right):
-                        total += mean[channel, v, u]
-                colours[channel, i, j] = total / ((bottom - top) * (right - left))
+def _patch_means(mean: Steps) -> Levels:
+    """(3, H, W) the mean colours of the patches about a picture's pixels, as far as they are in it."""
+    side_px = 2 * max(1, round(_PATCH * mean.shape[2])) + 1
+    *totals, n = (
+        cv2.boxFilter(plane, cv2.CV_32F, (side_px, side_px), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for plane in (*mean, np.ones_like(mean[0]))
+    )
+    return np.asarray(np.array(totals) / n)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

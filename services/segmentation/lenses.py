@@ -42,6 +42,13 @@ class Lenses:
             raw_px[c, : camera.height_px, : camera.width_px] = raw
         return cls(np.array([camera.P_px_world for camera in cameras]), sizes_px, raw_px)
 
+    def project(self, points_m: Floats) -> Pixels:
+        """(C, …, 2) column and row of points (…, 3) in each raw picture; NOWHERE if outside."""
+        pixels = np.empty((len(self.P_px_world), *points_m.shape[:-1], 2), np.int16)
+        flat = pixels.reshape(len(pixels), -1, 2)
+        _project(self.P_px_world, self.sizes_px, self.raw_px, points_m.reshape(-1, 3), flat)
+        return pixels
+
 
 def rays_of(camera: Camera) -> tuple[Floats, Floats]:
     """A camera's centre (3,) in the world, and the rays (H, W, 3) of its raw pixels."""
@@ -58,6 +65,13 @@ def raw_pixel(P: Floats, size_px: Ints, raw_px: Pixels, x: float, y: float, z: f
     across = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]
     down = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]
     return raw_of(across, down, P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3], size_px, raw_px)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, points_m: Floats, pixels: Pixels) -> None:
+    for c in range(len(P_px_world)):
+        for i, (x, y, z) in enumerate(points_m):
+            pixels[c, i] = raw_pixel(P_px_world[c], sizes_px[c], raw_px[c], x, y, z)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

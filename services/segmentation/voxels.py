@@ -17,7 +17,7 @@ from services.mocap.camera.camera import Camera, nearest_to_rays_m
 from services.mocap.njit import njit_without_refcounts
 from services.mocap.side_by_side import N_CORES, side_by_side
 from services.mocap.types import Bytes, Floats, Ints, Mask
-from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
+from services.segmentation.lenses import Lenses, Pixels, raw_of
 from services.segmentation.pixels import Levels
 
 COARSE_M, _FINE_M = 0.12, 0.04
@@ -81,8 +81,7 @@ class VoxelGrid:
         up = floor_m + _OVER_FLOOR_M + np.arange(COARSE_M / 2, _HEIGHT_M, COARSE_M)
         grid = np.stack(np.meshgrid(middle[0] + across, middle[1] + across, up, indexing="ij"), axis=-1)
         points_m = grid.reshape(-1, 3)
-        pixels = np.empty((len(cameras), len(points_m), 2), np.int16)
-        _project(lenses.P_px_world, lenses.sizes_px, lenses.raw_px, points_m, pixels)
+        pixels = lenses.project(points_m)
         seen = (pixels[..., 0] >= 0).sum(axis=0) > _LEAST_OTHERS
         points_m, pixels = points_m[seen], np.ascontiguousarray(pixels[:, seen])
         reach_px, covered = np.empty(len(cameras), np.int32), list[Mask]()
@@ -149,15 +148,6 @@ def _classify(by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, cla
             near = DEEP if deep[y, x] else near
             near = INSIDE if by_narrow[y, x] <= _INSIDE_MISSES else near
             classes[y, x] = near if covered[y, x] else ALONE
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _project(P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, points_m: Floats, pixels: Pixels) -> None:
-    for c in range(len(P_px_world)):
-        for i in range(len(points_m)):
-            pixels[c, i, 0], pixels[c, i, 1] = raw_pixel(
-                P_px_world[c], sizes_px[c], raw_px[c], points_m[i, 0], points_m[i, 1], points_m[i, 2]
-            )
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
