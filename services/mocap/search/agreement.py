@@ -14,7 +14,8 @@ from services.mocap.camera.rig import Rig
 from services.mocap.search.hull import (
     MIN_CAMERAS,
     cube_about,
-    look_up,
+    in_hull,
+    looked_at,
     meeting_point,
     most_missed,
     pieces_of,
@@ -165,11 +166,7 @@ class _Space:
         """Look up all voxels once in the possible actor pixels of all cameras (C, H, W)."""
         centre_m = meeting_point(rig, silhouettes, list(cameras))
         self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
-        self._carves = np.zeros((rig.n_cameras, len(self._points_m)), bool)
-        self._holds = np.zeros_like(self._carves)
-        for c in cameras:
-            in_picture, on_actor = look_up(rig, possible[c], c, self._points_m)
-            self._carves[c], self._holds[c] = in_picture & ~on_actor, in_picture
+        self._looks = looked_at(rig, possible, range(rig.n_cameras), self._points_m)
         self.views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
 
     def filled(self, cameras: tuple[int, ...]) -> float:
@@ -213,12 +210,9 @@ class _Space:
         return np.sort(upper_half)[::-1]  # a large piece of possible actor pixels may cover nothing
 
     def _inside(self, cameras: tuple[int, ...], n_missed: int = 0) -> Mask:
-        """The hull (N,) of some cameras, as carve has it, of which n_missed may miss a point."""
-        chosen = list(cameras)
-        fewest = min(MIN_CAMERAS, len(chosen))
-        held = 2 * self._holds[chosen].sum(axis=0) >= max(len(chosen), 2 * fewest)
-        inside: Mask = held & (self._carves[chosen].sum(axis=0) <= n_missed)
-        return inside
+        """The hull (N,) of some cameras, of which n_missed may miss a point."""
+        in_picture, on_actor = (look[list(cameras)] for look in self._looks)
+        return in_hull(in_picture, on_actor, n_missed)
 
 
 @dataclass(frozen=True, eq=False)

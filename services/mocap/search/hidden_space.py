@@ -14,7 +14,7 @@ from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.energy.snapping import SUBPIXEL, project_snapped
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up
+from services.mocap.search.hull import MIN_CAMERAS, cube_about, looked_at
 from services.mocap.search.model import Model
 from services.mocap.search.occlusion import disc, large_pieces
 from services.mocap.types import Floats, Mask
@@ -65,16 +65,11 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
     """(C, H, W) where limbs near a centre (3,) that explain some pieces (C, H, W) of what may be the actor
     (C, H, W) are hidden from each camera."""
     points_world_m = cube_about(centre_world_m, _REACH_M, _VOXEL_M)
-    in_piece, n_seen = np.zeros(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
-    in_picture, missed = np.zeros((2, rig.n_cameras, len(points_world_m)), bool)
-    for c in range(rig.n_cameras):
-        in_picture[c], on_actor = look_up(rig, possible[c], c, points_world_m)
-        missed[c] = in_picture[c] & ~on_actor
-        n_seen += on_actor
-        if pieces[c].any():
-            in_piece |= look_up(rig, pieces[c], c, points_world_m)[1]
-    n_missed = missed.sum(axis=0)
-    may_be_actor = in_piece & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
+    in_picture, on_actor = looked_at(rig, possible, range(rig.n_cameras), points_world_m)
+    _, on_piece = looked_at(rig, pieces, np.flatnonzero(pieces.any(axis=(1, 2))).tolist(), points_world_m)
+    missed = in_picture & ~on_actor
+    n_seen, n_missed = on_actor.sum(axis=0), missed.sum(axis=0)
+    may_be_actor = on_piece.any(axis=0) & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
     for allowed in range(rig.n_cameras // 2 + 1):
         limbs = may_be_actor & (n_missed <= allowed)
         drawn = [_drawn(rig, c, points_world_m[limbs & in_picture[c]]) for c in range(rig.n_cameras)]

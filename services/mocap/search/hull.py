@@ -1,5 +1,6 @@
 """A coarse visual hull: the space in which the actor can be, from one frame's silhouettes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -120,19 +121,11 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
         )
     possible = silhouettes if possible is None else possible
     points_world_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
-    n_missed, n_pictures = np.zeros((2, len(points_world_m)), np.int32)
-    inside = np.ones(len(points_world_m), bool)
-    for c in seen:
-        left = np.flatnonzero(inside)  # the first cameras carve most away
-        in_picture, on_actor = look_up(rig, possible[c], c, points_world_m[left])
-        n_pictures[left] += in_picture
-        n_missed[left] += in_picture & ~on_actor
-        inside[left] = n_missed[left] <= most_missed(len(seen))
-    # Where few cameras look, little is carved away, so half of the cameras must have a point in their
-    # picture.
-    inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
-    firm = inside if np.array_equal(possible, silhouettes) else _firm(rig, silhouettes, seen, points_world_m)
-    pieces = pieces_of(inside, inside & firm)
+    inside = in_hull(*looked_at(rig, possible, seen, points_world_m), most_missed(len(seen)))
+    in_picture, on_actor = looked_at(rig, silhouettes, seen, points_world_m[inside])
+    firm = inside.copy()
+    firm[inside] = 2 * on_actor.sum(axis=0) >= in_picture.sum(axis=0)
+    pieces = pieces_of(inside, firm)
     if not pieces.any():
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
@@ -142,15 +135,23 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
     return Hull(points_world_m[largest], firm[largest])
 
 
-def _firm(rig: Rig, silhouettes: Mask, cameras: list[int], points_world_m: Floats) -> Mask:
-    """Points (N, 3) that are on the actor in at least half of the cameras that have them in their picture."""
-    n_pictures, n_seen = np.zeros((2, len(points_world_m)), np.int32)
-    for c in cameras:
-        in_picture, on_actor = look_up(rig, silhouettes[c], c, points_world_m)
-        n_pictures += in_picture
-        n_seen += on_actor
-    firm: Mask = 2 * n_seen >= n_pictures
-    return firm
+def looked_at(rig: Rig, masks: Mask, cameras: Sequence[int], points_world_m: Floats) -> tuple[Mask, Mask]:
+    """See look_up: (K, N) for K cameras, whose masks are in (C, H, W)."""
+    looks = np.zeros((2, len(cameras), len(points_world_m)), bool)
+    for k, c in enumerate(cameras):
+        looks[:, k] = look_up(rig, masks[c], c, points_world_m)
+    return looks[0], looks[1]
+
+
+def in_hull(in_picture: Mask, on_actor: Mask, n_missed: int) -> Mask:
+    """The points (N,) in the hull of K cameras of which n_missed may miss a point; see looked_at.
+
+    Where few cameras look, little is carved away, so half of the cameras must have a point in their picture.
+    """
+    n_cameras, n_pictures = len(in_picture), in_picture.sum(axis=0)
+    enough = 2 * n_pictures >= max(n_cameras, 2 * min(MIN_CAMERAS, n_cameras))
+    inside: Mask = enough & (n_pictures - on_actor.sum(axis=0) <= n_missed)
+    return inside
 
 
 def most_missed(n_cameras: int) -> int:
