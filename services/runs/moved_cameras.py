@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from services.mocap.body.actor import Actor
-from services.mocap.calibration.from_body import moved_by, offsets_px, refine_cameras
+from services.mocap.calibration.from_body import OFF_PX, moved_by, offsets_px, refine_cameras
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.folder import Take
@@ -18,9 +18,6 @@ from services.mocap.types import Floats
 
 PLACING_FRAMES = 48
 """Frames by which cameras are moved; half of them are kept out. More hardly make them more exact."""
-_LEAST_OFF_PX = 0.5
-"""Right calibrations have .1 to .3 working pixels (.46 with furniture before a camera); a camera that is
-turned by .3 degrees, 1.5."""
 _LEAST_GAIN = 0.1
 """Share of the energy, in frames that were kept out, by which moved cameras must be better. Cameras that are
 turned by .3 degrees gain .26, focal lengths that are 1.5 % off .12, a camera out of step nothing."""
@@ -41,7 +38,7 @@ Moves = Mapping[str, tuple[float, float]]
 
 def disagree(cameras: tuple[Camera, ...], seen: TriPlanes, actor: Actor, poses: Floats) -> bool:
     """Whether a camera sees an actor in poses (F, D) clearly beside the silhouettes (F, P, H, W)."""
-    return bool(offsets_px(cameras, seen, actor, poses).max() >= _LEAST_OFF_PX)
+    return bool(offsets_px(cameras, seen, actor, poses).max() >= OFF_PX)
 
 
 def placed(cameras: tuple[Camera, ...], seen: TriPlanes, actor: Actor, poses: Floats) -> tuple[Camera, ...]:
