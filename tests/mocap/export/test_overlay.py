@@ -1,15 +1,17 @@
-"""The overlay video, read back from its file; the pictures are chosen so that no mix-up looks right."""
+"""The overlay: its sheets, whose pictures are chosen so that no mix-up looks right, and its file."""
 
 from collections.abc import Callable
 from pathlib import Path
-from unittest.mock import Mock
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 
+from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.camera import Camera
-from services.mocap.export.overlay import CAUSE_PX, HEADER_PX, OverlayWriter, overlay_writer
+from services.mocap.errors import TakeError
+from services.mocap.export.overlay import CAUSE_PX, HEADER_PX, draw_sheet, sheet_size_px, write_overlay
 from services.mocap.export.text import write_text
 from services.mocap.export.tiles import (
     CENTRE_BGR,
@@ -20,7 +22,12 @@ from services.mocap.export.tiles import (
     grid_for,
     trimap_picture,
 )
-from services.mocap.types import ACTOR, Bytes
+from services.mocap.synth.walk import walk
+from services.mocap.take.folder import Take, open_take
+from services.mocap.take.layout import silhouette_folder, silhouette_path
+from services.mocap.take.tables import PoseTable
+from services.mocap.take.writer import VideoWriter
+from services.mocap.types import ACTOR, Bytes, Mask
 from services.mocap.verdict.verdict import LEVELS, Cause, Level, Verdict
 
 GROUND = 100
@@ -39,8 +46,15 @@ def verdict_on(level: Level, *causes: Cause) -> Verdict:
     return Verdict(level=level, frames=1, doubtful_frames=0, lost_frames=0, doubts=(), iou={}, causes=causes)
 
 
+USABLE = verdict_on("usable with gaps")
+
+
 def ground(camera: Camera, grey: int = GROUND) -> Bytes:
     return np.full((*camera.shape_px, 3), grey, np.uint8)
+
+
+def no_masks(cameras: list[Camera]) -> list[Bytes]:
+    return [np.zeros(cam.shape_px, np.uint8) for cam in cameras]
 
 
 def half_masks(cameras: list[Camera]) -> list[Bytes]:
@@ -55,9 +69,19 @@ def half_masks(cameras: list[Camera]) -> list[Bytes]:
     return masks
 
 
-def decoded(path: Path) -> list[Bytes]:
-    with av.open(str(path)) as container:
-        return [np.asarray(frame.to_ndarray(format="bgr24"), np.uint8) for frame in container.decode(video=0)]
+def sheet_of(
+    cameras: list[Camera],
+    pictures: list[Bytes],
+    masks: list[Bytes],
+    tile_width_px: int = 480,
+    *,
+    verdict: Verdict = USABLE,
+    title: str = "frame 0    0.000 s",
+    energy_px: float = 0.0,
+    **more: Any,
+) -> Bytes:
+    grid = grid_for(cameras, tile_width_px)
+    return draw_sheet(cameras, grid, verdict, title, energy_px, pictures, masks, **more)
 
 
 def tiles(sheet: Bytes, cameras: list[Camera], tile_width_px: int) -> list[Bytes]:
@@ -92,40 +116,19 @@ def test_grid_suits_the_screen(count: int, size: tuple[int, int], columns_rows: 
 
 
 @pytest.mark.parametrize("tile_width_px", [1, 33, 101, 480])
-def test_sizes_are_even(tile_width_px: int, tmp_path: Path) -> None:
+def test_sizes_are_even(tile_width_px: int) -> None:
     cameras = [camera("a", 321, 241), camera("b", 97, 55), camera("c", 321, 243)]
-    path = tmp_path / "overlay.mp4"
-    with overlay_writer(path, cameras, 25.0, tile_width_px=tile_width_px) as overlay:
-        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
-        assert all(side % 2 == 0 for side in overlay.size_px)
-    assert decoded(path)[0].shape == (*overlay.size_px[::-1], 3)
-
-
-def test_file_is_one_that_browsers_play(tmp_path: Path) -> None:
-    cameras = [camera(f"cam{i:02d}") for i in range(1, 9)]
-    path = tmp_path / "overlay.mp4"
-    with overlay_writer(path, cameras, 29.97, tile_width_px=80) as overlay:
-        for frame in range(7):
-            masks = np.stack(half_masks(cameras))
-            overlay.add(frame, frame / 29.97, [ground(cam) for cam in cameras], masks, 12.5)
-    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
-
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
-        assert float(stream.average_rate or 0) == pytest.approx(29.97, rel=1e-4)
-        assert (stream.width, stream.height) == (320, 120 + HEADER_PX)
-        assert len(list(container.decode(stream))) == 7
-    content = path.read_bytes()
-    assert 0 < content.index(b"moov") < content.index(b"mdat")  # it plays before all of it has come
+    size_px = sheet_size_px(grid_for(cameras, tile_width_px), USABLE)
+    assert all(side % 2 == 0 for side in size_px)
+    sheet = sheet_of(cameras, [ground(cam) for cam in cameras], half_masks(cameras), tile_width_px)
+    assert sheet.shape == (*size_px[::-1], 3)
 
 
 @pytest.mark.parametrize("count", [1, 4, 8])
-def test_limbs_have_their_colours_in_every_tile(count: int, tmp_path: Path) -> None:
+def test_limbs_have_their_colours_in_every_tile(count: int) -> None:
     cameras = [camera(f"cam{i:02d}") for i in range(1, count + 1)]
-    with overlay_writer(tmp_path / "overlay.mp4", cameras, 25.0, tile_width_px=240) as overlay:
-        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
-    for index, tile in enumerate(tiles(decoded(tmp_path / "overlay.mp4")[0], cameras, 240)):
+    sheet = sheet_of(cameras, [ground(cam) for cam in cameras], half_masks(cameras), 240)
+    for index, tile in enumerate(tiles(sheet, cameras, 240)):
         expected_left, expected_right = HALF_WAY[1 + index % 3], HALF_WAY[1 + (index + 1) % 3]
         np.testing.assert_allclose(at(tile, 0.25, 0.31), expected_left, atol=8)
         np.testing.assert_allclose(at(tile, 0.75, 0.69), expected_right, atol=8)
@@ -141,14 +144,12 @@ def test_left_right_and_centre_cannot_be_mistaken() -> None:
 
 
 @pytest.mark.parametrize("tile_width_px", [80, 160, 320])
-def test_outline_runs_along_the_border_of_the_whole_silhouette(tile_width_px: int, tmp_path: Path) -> None:
+def test_outline_runs_along_the_border_of_the_whole_silhouette(tile_width_px: int) -> None:
     cam = camera()
     mask = np.zeros((120, 160), np.uint8)
     mask[40:100, 40:80], mask[40:100, 80:120] = 2, 3  # one silhouette of two limbs
-    path = tmp_path / "overlay.mp4"
-    with overlay_writer(path, [cam], 25.0, tile_width_px=tile_width_px) as overlay:
-        overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
-    tile = tiles(decoded(path)[0], [cam], tile_width_px)[0].astype(float)
+    sheet = sheet_of([cam], [ground(cam)], [mask], tile_width_px)
+    tile = tiles(sheet, [cam], tile_width_px)[0].astype(float)
     zoom = tile_width_px / 160
 
     row = tile[round(70 * zoom)].min(axis=-1)
@@ -165,24 +166,21 @@ def test_outline_runs_along_the_border_of_the_whole_silhouette(tile_width_px: in
     assert np.abs(dark[:, None] - border).min(axis=0).max() <= 4.0  # the halo
 
 
-def test_a_hole_in_the_silhouette_is_outlined_too(tmp_path: Path) -> None:
+def test_a_hole_in_the_silhouette_is_outlined_too() -> None:
     cam = camera()
     mask = np.zeros((120, 160), np.uint8)
     mask[20:100, 40:120] = 1
     mask[45:75, 65:95] = 0
-    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=160) as overlay:
-        overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
-    tile = tiles(decoded(tmp_path / "o.mp4")[0], [cam], 160)[0]
+    tile = tiles(sheet_of([cam], [ground(cam)], [mask], 160), [cam], 160)[0]
     bright = np.flatnonzero(tile[60].min(axis=-1) > 160)
     assert np.abs(bright[:, None] - np.array([40, 64, 95, 119])).min(axis=0).max() <= 2
     np.testing.assert_allclose(tile[56:65, 76:85].mean(axis=(0, 1)), GROUND, atol=4)
 
 
-def test_cameras_of_other_shapes_get_bars(tmp_path: Path) -> None:
+def test_cameras_of_other_shapes_get_bars() -> None:
     cameras = [camera("wide", 200, 100), camera("square", 100, 100), camera("tall", 50, 100)]
-    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=200) as overlay:
-        overlay.add(0, 0.0, [ground(cam, 200) for cam in cameras], half_masks(cameras), 0.0)
-    wide, square, tall = tiles(decoded(tmp_path / "o.mp4")[0], cameras, 200)
+    sheet = sheet_of(cameras, [ground(cam, 200) for cam in cameras], half_masks(cameras), 200)
+    wide, square, tall = tiles(sheet, cameras, 200)
     assert wide.shape == square.shape == tall.shape == (200, 200, 3)
     for tile, size in ((wide, (200, 100)), (square, (200, 200)), (tall, (100, 200))):
         columns = np.flatnonzero(tile[180 if size[1] == 200 else 140].min(axis=-1) > 100)
@@ -193,30 +191,28 @@ def test_cameras_of_other_shapes_get_bars(tmp_path: Path) -> None:
     np.testing.assert_allclose(at(tall, 0.375, 0.31), (np.array(RIGHT_BGR) + 200) / 2, atol=10)
 
 
-def test_without_pictures_the_silhouette_is_grey(tmp_path: Path) -> None:
+def test_without_pictures_the_silhouette_is_grey() -> None:
     cameras = [camera("pictured"), camera("silhouetted")]
     trimap = np.zeros((120, 160), np.uint8)
     trimap[:, 80:] = ACTOR
-    none = np.zeros((2, 120, 160), np.uint8)
-    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=160) as overlay:
-        overlay.add(0, 0.0, [ground(cameras[0]), trimap_picture(trimap)], none, 0.0)
-    first = tiles(decoded(tmp_path / "o.mp4")[0], cameras, 160)
+    pictures = [ground(cameras[0]), trimap_picture(trimap)]
+    first = tiles(sheet_of(cameras, pictures, no_masks(cameras), 160), cameras, 160)
     np.testing.assert_allclose(at(first[0], 0.75, 0.5), GROUND, atol=3)
     np.testing.assert_allclose(at(first[1], 0.75, 0.5), SILHOUETTE_GREY, atol=3)
     np.testing.assert_allclose(at(first[1], 0.25, 0.5), SILHOUETTE_GROUND_GREY, atol=3)
 
 
-def test_header_and_names_are_written(tmp_path: Path) -> None:
+def test_header_and_names_are_written() -> None:
     cameras = [camera("cam01"), camera("cam02")]
-    pictures = [ground(cam, 40) for cam in cameras]
-    none = np.zeros((2, 120, 160), np.uint8)
-    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=320) as overlay:
-        overlay.add(3, 0.12, pictures, none, 1234.0)
-        overlay.add(3, 0.12, pictures, none, 1234.0)
-        overlay.add(4, 0.16, pictures, none, 987.0)
-    same, again, other = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
-    changed = np.argwhere(np.abs(other - again).max(axis=-1) > 60)
-    assert np.abs(again - same).max() < 40 and len(changed) > 20
+    pictures, none = [ground(cam, 40) for cam in cameras], no_masks(cameras)
+
+    def titled(title: str, energy_px: float) -> Bytes:
+        return sheet_of(cameras, pictures, none, 320, title=title, energy_px=energy_px).astype(int)
+
+    same, other = titled("frame 3    0.120 s", 1234.0), titled("frame 4    0.160 s", 987.0)
+    np.testing.assert_array_equal(titled("frame 3    0.120 s", 1234.0), same)
+    changed = np.argwhere(np.abs(other - same).max(axis=-1) > 60)
+    assert len(changed) > 20
     assert changed[:, 0].max() < HEADER_PX and changed[:, 1].max() < 400
     legend = same[:HEADER_PX, -120:]
     assert (legend[..., 2] - legend[..., 0]).max() > 100 and (legend[..., 0] - legend[..., 2]).max() > 100
@@ -226,15 +222,16 @@ def test_header_and_names_are_written(tmp_path: Path) -> None:
     assert np.abs(left[:30, :80].astype(int) - right[:30, :80]).max() > 60  # each its own name
 
 
-def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> None:
-    cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
+def test_doubtful_parts_are_hatched_and_the_header_says_so() -> None:
+    cam = camera("cam01")
     doubtful = np.zeros((120, 160), bool)
     doubtful[40:100, 40:120] = True
-    verdict = verdict_on("not usable")
-    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, verdict=verdict) as overlay:
-        overlay.add(0, 0.0, [ground(cam, 128)], none, 0.0, words="good")
-        overlay.add(1, 0.0, [ground(cam, 128)], none, 0.0, doubtful=[doubtful], words="doubtful: head")
-    plain, marked = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
+
+    def said(words: str, hatched: list[Mask] | None = None) -> Bytes:
+        given, verdict = ([cam], [ground(cam, 128)], no_masks([cam])), verdict_on("not usable")
+        return sheet_of(*given, 320, verdict=verdict, doubtful=hatched, words=words).astype(int)
+
+    plain, marked = said("good"), said("doubtful: head", [doubtful])
     red = marked[..., 2] - marked[..., :2].max(axis=-1) > 40
     inside, tile = red[HEADER_PX + 84 : HEADER_PX + 196, 84:236], red[HEADER_PX:]
     assert 0.25 < inside.mean() < 0.75  # lines with gaps
@@ -243,30 +240,27 @@ def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> No
     assert plain[32:HEADER_PX, :90].max() > 200  # the title
 
 
-def test_good_is_green_only_where_all_frames_are(tmp_path: Path) -> None:
-    cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
-    greens = {}
+def test_good_is_green_only_where_all_frames_are() -> None:
+    cam, greens = camera("cam01"), {}
+    given = [cam], [ground(cam)], no_masks([cam])
     for level in LEVELS:
-        with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, verdict=verdict_on(level)) as overlay:
-            overlay.add(0, 0.0, [ground(cam)], none, 0.0)
-            overlay.add(1, 0.0, [ground(cam)], none, 0.0, words="good")
-        unjudged, judged = (sheet[:HEADER_PX].astype(int) for sheet in decoded(tmp_path / "o.mp4"))
+        unjudged, judged = (
+            sheet_of(*given, verdict=verdict_on(level), words=words)[:HEADER_PX].astype(int)
+            for words in ("", "good")
+        )
         assert np.abs(judged - unjudged).max() > 100, "good is written at every level"
         greens[level] = bool((judged[..., 1] - judged[..., [0, 2]].max(axis=-1) > 40).any())
     assert greens == {"good": True, "usable with gaps": False, "not usable": False}
 
 
 @pytest.mark.parametrize("count", [1, 8])
-def test_the_first_cause_is_a_line_of_its_own_that_fits_the_sheet(count: int, tmp_path: Path) -> None:
+def test_the_first_cause_is_a_line_of_its_own_that_fits_the_sheet(count: int) -> None:
     cameras = [camera(f"cam{i}") for i in range(count)]
     short, long = (Cause(what=what, remedy="", level="not usable") for what in ("cam01 late", 100 * "late "))
     sheets = {}
     for name, causes in {"none": (), "short": (short,), "both": (short, long), "long": (long, short)}.items():
-        verdict, path = verdict_on("not usable", *causes), tmp_path / f"{name}.mp4"
-        with overlay_writer(path, cameras, 25.0, tile_width_px=480, verdict=verdict) as overlay:
-            none = np.zeros((count, 120, 160), np.uint8)
-            overlay.add(0, 0.0, [ground(cam) for cam in cameras], none, 0.0)
-        sheets[name] = decoded(path)[0].astype(int)
+        verdict, pictures = verdict_on("not usable", *causes), [ground(cam) for cam in cameras]
+        sheets[name] = sheet_of(cameras, pictures, no_masks(cameras), verdict=verdict).astype(int)
     height, width, _ = sheets["none"].shape
     assert {name: sheet.shape[0] - height for name, sheet in sheets.items()} == {
         "none": 0, "short": CAUSE_PX, "both": CAUSE_PX, "long": CAUSE_PX,
@@ -294,55 +288,98 @@ def test_text_never_goes_beyond_the_picture(width_px: int) -> None:
     assert np.array_equal(picture[:, :kept], alone[:, :kept]), "it begins as the whole text does"
 
 
-@pytest.mark.parametrize("n_further", [0, 3])
+def test_pictures_that_are_not_the_cameras_are_refused() -> None:
+    cameras = [camera("cam01"), camera("cam02")]
+    pictures, none = [ground(cam) for cam in cameras], no_masks(cameras)
+    with pytest.raises(ValueError, match="zip"):
+        sheet_of(cameras, pictures, none[:1])
+    said = r"^cam01: expected a picture of shape \(120, 160\), got \(60, 80\)$"
+    with pytest.raises(ValueError, match=said):
+        sheet_of(cameras, pictures, [np.zeros((60, 80), np.uint8), none[1]])
+    said = r"^cam02: expected a picture of shape \(120, 160\), got \(240, 320, 3\)$"
+    with pytest.raises(ValueError, match=said):
+        sheet_of(cameras, [pictures[0], np.zeros((240, 320, 3), np.uint8)], none)
+
+
+N_FRAMES = 5
+SmallTake = Callable[..., Path]
+
+
+def draw_overlay(take: Take, path: Path, hurry: Callable[[], bool] = lambda: False) -> None:
+    """The overlay of someone who walks."""
+    body = build_body(Actor(height=1.7))
+    frames = np.arange(N_FRAMES, dtype=np.int32)
+    table = PoseTable(frames, frames / 29.97, walk(N_FRAMES, 29.97, body), np.zeros(N_FRAMES))
+    write_overlay(path, take, body, table, 29.97, USABLE, hurry)
+
+
+def test_file_is_one_that_browsers_play(
+    small_take: SmallTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, sheets = tmp_path / "out" / "overlay.mp4", list[Bytes]()
+
+    def draw(*given: Any, **more: Any) -> Bytes:
+        sheets.append(draw_sheet(*given, **more))
+        return sheets[-1]
+
+    monkeypatch.setattr("services.mocap.export.overlay.draw_sheet", draw)
+    draw_overlay(open_take(small_take(n_cameras=8, frames=N_FRAMES)), path)
+    assert [file.name for file in path.parent.iterdir()] == ["overlay.mp4"]
+
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert float(stream.average_rate or 0) == pytest.approx(29.97, rel=1e-4)
+        assert (stream.width, stream.height) == (4 * 480, 2 * 360 + HEADER_PX)
+        decoded = [frame.to_ndarray(format="bgr24").astype(int) for frame in container.decode(stream)]
+    off = np.array([[np.abs(frame - sheet).mean() for sheet in sheets] for frame in decoded])
+    assert off.shape == (N_FRAMES, N_FRAMES)
+    assert off.argmin(axis=1).tolist() == list(range(N_FRAMES)) and off.diagonal().max() < 3
+    content = path.read_bytes()
+    assert 0 < content.index(b"moov") < content.index(b"mdat")  # it plays before all of it has come
+
+
+@pytest.fixture
+def earlier(tmp_path: Path) -> Path:
+    """The file of an earlier run."""
+    path = tmp_path / "out" / "overlay.mp4"
+    path.parent.mkdir()
+    path.write_text("from an earlier run")
+    return path
+
+
+def assert_untouched(earlier: Path) -> None:
+    assert [file.name for file in earlier.parent.iterdir()] == ["overlay.mp4"]
+    assert earlier.read_text() == "from an earlier run"
+
+
+@pytest.mark.parametrize("failing", [0, 1, N_FRAMES - 1])
 def test_what_goes_wrong_while_a_frame_is_encoded_is_raised(
-    n_further: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    failing: int, small_take: SmallTake, earlier: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the last frame as well, while no further one is drawn."""
-    path, cameras = tmp_path / "overlay.mp4", [camera("cam01"), camera("cam02")]
-    path.write_text("from an earlier run")
-    with pytest.raises(OSError, match="no room"), overlay_writer(path, cameras, 25.0) as overlay:
-        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
-        overlay.wait()
-        monkeypatch.setattr(overlay.video, "write", Mock(side_effect=OSError("no room")))
-        for frame in range(1 + n_further):
-            overlay.add(frame, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
-    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
-    assert path.read_text() == "from an earlier run"
+    take, write = open_take(small_take(frames=N_FRAMES, source="silhouettes")), VideoWriter.write
+
+    def fail(video: VideoWriter, sheet: Bytes) -> None:
+        if video.n_frames == failing:
+            raise OSError("no room")
+        write(video, sheet)
+
+    monkeypatch.setattr(VideoWriter, "write", fail)
+    with pytest.raises(OSError, match="no room"):
+        draw_overlay(take, earlier)
+    assert_untouched(earlier)
 
 
-def _too_few_masks(overlay: OverlayWriter, cam: Camera) -> None:
-    overlay.add(1, 0.0, [ground(cam)] * 2, np.zeros((1, 120, 160), np.uint8), 0.0)
+def test_nothing_is_left_behind_after_an_error(small_take: SmallTake, earlier: Path) -> None:
+    take = open_take(small_take(frames=N_FRAMES, source="silhouettes"))
+    silhouette_path(silhouette_folder(take.folder, "cam02"), 2).unlink()
+    with pytest.raises(TakeError, match=r"000002\.png"):
+        draw_overlay(take, earlier)
+    assert_untouched(earlier)
 
 
-def _mask_of_another_size(overlay: OverlayWriter, cam: Camera) -> None:
-    overlay.add(1, 0.0, [ground(cam)] * 2, np.zeros((2, 60, 80), np.uint8), 0.0)
-
-
-def _picture_of_another_size(overlay: OverlayWriter, cam: Camera) -> None:
-    pictures = [ground(cam), np.zeros((240, 320, 3), np.uint8)]
-    overlay.add(1, 0.0, pictures, np.zeros((2, 120, 160), np.uint8), 0.0)
-
-
-@pytest.mark.parametrize(
-    ("fail", "message"),
-    [
-        (_too_few_masks, "zip"),
-        (_mask_of_another_size, r"^cam01: expected a picture of shape \(120, 160\), got \(60, 80\)$"),
-        (_picture_of_another_size, r"^cam02: expected a picture of shape \(120, 160\), got \(240, 320, 3\)$"),
-    ],
-)
-def test_nothing_is_left_behind_after_an_error(
-    fail: Callable[[OverlayWriter, Camera], None], message: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "overlay.mp4"
-    path.write_text("from an earlier run")
-    cameras = [camera("cam01"), camera("cam02")]
-    with (
-        pytest.raises(ValueError, match=message),
-        overlay_writer(path, cameras, 25.0, tile_width_px=160) as overlay,
-    ):
-        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
-        fail(overlay, cameras[0])
-    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
-    assert path.read_text() == "from an earlier run"
+def test_nothing_is_written_in_a_hurry(small_take: SmallTake, earlier: Path) -> None:
+    asked = iter((False, False, True))
+    draw_overlay(open_take(small_take(frames=N_FRAMES)), earlier, lambda: next(asked))
+    assert_untouched(earlier)
