@@ -4,7 +4,8 @@ A board with markers reads in a mirror only, but also from behind if it is print
 camera fits the others. A chessboard itself looks the same in a mirror.
 
 Alone such a camera fits as well as any other; together with others it does not fit until its views are
-flipped.
+flipped. By chance it fits a camera with which it shares one place of the board only, and the chain of cameras
+would lead over that one.
 """
 
 from collections.abc import Sequence
