@@ -1,11 +1,10 @@
 """Reads the frames of a video, in order or single ones. A damaged frame raises an error; none is left out."""
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain, dropwhile, islice
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeAlias
 
 import av
 from av.container import InputContainer
@@ -25,6 +24,9 @@ from services.mocap.take.video_index import (
     video_stream,
 )
 from services.mocap.types import Bytes
+
+_Stamped: TypeAlias = tuple[int, VideoFrame]
+"""A frame with its time stamp in the index."""
 
 
 class VideoReader:
@@ -57,6 +59,7 @@ class VideoReader:
             )
         self._container = opened_video(self.index.path)
         self._stream = video_stream(self._container, self.index.path)
+        self._converter = VideoReformatter()
 
     def __enter__(self) -> Self:
         return self
@@ -65,8 +68,7 @@ class VideoReader:
         self.close()
 
     def __iter__(self) -> Iterator[Bytes]:
-        converter = VideoReformatter()
-        pictures = (bgr_picture(frame, converter, self._size_px) for frame in self._frames())
+        pictures = (bgr_picture(frame, self._converter, self._size_px) for frame in self._frames())
         return pictures if self.colour is None else map(self.colour.apply, pictures)
 
     def close(self) -> None:
@@ -79,45 +81,57 @@ class VideoReader:
             pass
 
     def _frames(self) -> Iterator[VideoFrame]:
+        """Frames from `start` on. If `start` is moved ahead meanwhile, those before it are left out."""
         if self.start == self.stop:
             return
-        index, first = self.index, self.start
-        while first in index.repeats and first > 0:
-            first -= 1
-        decoder, frame = self._begun(first)
-        shown: VideoFrame | None = None
-        for expected in range(first, self.stop):
-            if frame is not None and (index.is_counted or frame.pts == index.stamps[expected]):
-                shown, frame = frame, None
-            elif expected not in index.repeats:
-                shown = None
-            if shown is None or shown.is_corrupt:
-                raise TakeError(f"{index.path}: frame {expected} cannot be decoded: {COPY_AGAIN}")
-            if expected >= self.start:
-                yield shown
-            if frame is None and expected + 1 < self.stop:
-                frame = _next_of(decoder)
+        index, number = self.index, self.start
+        frames = self._begun(self._coded(number))
+        shown, ahead = None, None
+        while number < self.stop:
+            stamp, earliest = index.stamps[number], index.stamps[self._coded(number)]
+            while shown is None or shown[0] < stamp:
+                ahead = ahead or next(frames, None)
+                if ahead is None or ahead[0] > stamp:
+                    break
+                shown, ahead = ahead, None
+            if shown is None or shown[0] < earliest or shown[1].is_corrupt:
+                raise TakeError(f"{index.path}: frame {number} cannot be decoded: {COPY_AGAIN}")
+            yield shown[1]
+            number = max(number + 1, self.start)
 
-    def _begun(self, first: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
-        """A decoder, and the first frame that it gave at or after the number `first`."""
+    def _coded(self, number: int) -> int:
+        """The last frame up to a number whose picture the file certainly holds."""
+        while number in self.index.repeats and number > 0:
+            number -= 1
+        return number
+
+    def _begun(self, first: int) -> Iterator[_Stamped]:
+        """Frames from the number `first` on, or from an earlier one; none if it cannot be decoded."""
         index, stamp = self.index, self.index.stamps[first]
         if index.is_counted:
             keyframe, decoding_stamp = index.keyframe_before(first)
             self._container.seek(decoding_stamp, stream=self._stream)
-            decoder = _decoded(self._container.demux(self._stream))
-            return decoder, next(islice(_to_the_end(decoder), first - keyframe, None), None)
+            decoded = self._decoded(self._container.demux(self._stream))
+            return zip(islice(index.stamps, keyframe, None), decoded, strict=False)
         for packets in _beginnings(index, first, self._container, self._stream):
-            decoder = _decoded(packets)
-            at_or_after = (f for f in _to_the_end(decoder) if f.pts is not None and f.pts >= stamp)
-            frame = next(at_or_after, None)
-            if frame is not None and frame.pts == stamp:
-                break
-        return decoder, frame
+            decoded = self._decoded(packets)
+            stamped = ((frame.pts, frame) for frame in decoded if frame.pts is not None)
+            later = dropwhile(lambda of_frame: of_frame[0] < stamp, stamped)
+            found = next(later, None)
+            if found is not None and found[0] == stamp:
+                return chain([found], later)
+        return iter(())
 
-
-def _decoded(packets: "Iterator[Packet[VideoStream]]") -> Iterator[VideoFrame]:
-    for packet in packets:
-        yield from packet.decode()
+    def _decoded(self, packets: "Iterator[Packet[VideoStream]]") -> Iterator[VideoFrame]:
+        """Frames until the end, or until nothing can be decoded; those are left out that precede the one
+        wanted, and on which no other depends."""
+        index, context = self.index, self._stream.codec_context
+        with suppress(av.error.FFmpegError):
+            for packet in packets:
+                wanted = index.stamps[self._coded(self.start)]
+                is_before = not index.is_counted and packet.pts is not None and packet.pts < wanted
+                context.skip_frame = "NONREF" if is_before else "DEFAULT"
+                yield from packet.decode()
 
 
 def _beginnings(
@@ -152,20 +166,6 @@ def _shown(packet: "Packet[VideoStream]") -> int:
     return (packet.dts or 0) if packet.pts is None else packet.pts
 
 
-def _to_the_end(decoder: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
-    """Frames until the end, or until nothing can be decoded."""
-    while (frame := _next_of(decoder)) is not None:
-        yield frame
-
-
-def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
-    """None at the end, or if nothing can be decoded."""
-    try:
-        return next(decoder, None)
-    except av.error.FFmpegError:
-        return None
-
-
 class PicturePicker:
     """Reads single pictures in any order, without decoding all pictures between them.
 
@@ -180,55 +180,23 @@ class PicturePicker:
     ) -> None:
         """colour: the correction of the pictures, if any. size_px: width and height to which they are
         reduced. Raises TakeError where the file cannot be opened."""
-        self._index, self._colour, self._size_px = index, colour, index.reduction_to(size_px)
-        self._container = opened_video(index.path)
-        self._stream = video_stream(self._container, index.path)
-        self._converter = VideoReformatter()
-        self._packets: Iterator[Packet[VideoStream]] = iter(())
-        self._decoded: deque[VideoFrame] = deque()
+        self._reader = VideoReader(index, colour=colour, size_px=size_px)
+        self._pictures: Iterator[Bytes] = iter(())
         self._next: int | None = None
+        """The number of the next one of these pictures; None where there is none."""
 
     def read(self, frame: int) -> Bytes:
         """A frame's picture, BGR (H, W, 3); raises TakeError where it cannot be decoded."""
-        if not 0 <= frame < self._index.n_frames:
-            raise TakeError(f"{self._index.path}: has no frame {frame}, but {self._index.n_frames} frames")
-        if self._index.is_counted or frame in self._index.repeats:
-            with VideoReader(self._index, frame, frame + 1, self._colour, self._size_px) as reader:
-                return next(iter(reader))
-        keyframe, _ = self._index.keyframe_before(frame)
-        if self._next is not None and keyframe <= self._next <= frame:
-            found = self._find(frame)
-        else:
-            found = self._find_anew(frame)
-        if found is None:
-            raise TakeError(f"{self._index.path}: frame {frame} cannot be decoded: {COPY_AGAIN}")
+        index = self._reader.index
+        if not 0 <= frame < index.n_frames:
+            raise TakeError(f"{index.path}: has no frame {frame}, but {index.n_frames} frames")
+        begin, _ = index.keyframe_before(frame)
+        if index.is_counted:
+            begin += 1  # a frame that was lost before this keyframe would be missing in the count
+        goes_on = self._next is not None and begin <= self._next <= frame
+        self._reader.start, self._next = frame, None
+        if not goes_on:
+            self._pictures = iter(self._reader)
+        picture = next(self._pictures)
         self._next = frame + 1
-        picture = bgr_picture(found, self._converter, self._size_px)
-        return picture if self._colour is None else self._colour.apply(picture)
-
-    def _find_anew(self, frame: int) -> VideoFrame | None:
-        """A frame, reading from the keyframe before it; None if it was not found."""
-        for packets in _beginnings(self._index, frame, self._container, self._stream):
-            self._packets = packets
-            self._decoded.clear()
-            if (found := self._find(frame)) is not None:
-                return found
-        return None
-
-    def _find(self, frame: int) -> VideoFrame | None:
-        """A frame, reading on; None if it was not found."""
-        self._next, stamp = None, self._index.stamps[frame]
-        with suppress(av.error.FFmpegError, StopIteration):
-            while True:
-                while self._decoded:
-                    found = self._decoded.popleft()
-                    if found.pts is not None and found.pts >= stamp:
-                        return found if found.pts == stamp and not found.is_corrupt else None
-                self._decode(next(self._packets), stamp)
-        return None
-
-    def _decode(self, packet: "Packet[VideoStream]", wanted: int) -> None:
-        """Decode a packet, unless its picture precedes the wanted one and no other picture depends on it."""
-        is_before = packet.pts is not None and packet.pts < wanted
-        self._stream.codec_context.skip_frame = "NONREF" if is_before else "DEFAULT"
-        self._decoded.extend(packet.decode())
+        return picture

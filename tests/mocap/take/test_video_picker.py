@@ -1,5 +1,7 @@
 """Pictures picked in any order are those that reading in order gives."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -11,13 +13,15 @@ from services.mocap.take.video import PicturePicker, VideoReader
 from services.mocap.take.video_index import index_video
 
 _N = 60
+_B_FRAMES = "keyint=12:min-keyint=12:scenecut=0:b-adapt=0:bframes=3:b-pyramid=normal"
 
 
-@pytest.fixture(scope="module", params=["mp4", "mkv", "mpg"])
+@pytest.fixture(scope="module", params=["mp4", "mkv", "mpg", "avi"])
 def video(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sixty pictures with a keyframe every 12, and B-frames that refer to each other.
 
-    The MPEG program stream has no B-frames; a seek in it lands in the midst of a frame.
+    The MPEG program stream has no B-frames; a seek in it lands in the midst of a frame. In the AVI frames
+    are counted.
     """
     path = tmp_path_factory.mktemp("video") / f"v.{request.param}"
     noise = np.random.default_rng(3)
@@ -25,7 +29,7 @@ def video(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         if request.param == "mpg":
             stream = container.add_stream("mpeg2video", 25, {"g": "12"})
         else:
-            stream = container.add_stream("libx264", 25, {"bf": "3", "g": "12", "b_strategy": "0"})
+            stream = container.add_stream("libx264", 25, {"x264-params": _B_FRAMES})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for n in range(_N):
             picture = noise.integers(0, 60, (48, 64, 3), np.uint8)
@@ -73,11 +77,15 @@ def test_reading_may_begin_at_any_frame(video: Path) -> None:
 
 def test_going_on_decodes_less_than_all(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picker = PicturePicker(index_video(video))
-    read: list[object] = []
-    decode = picker._decode
-    monkeypatch.setattr(
-        picker, "_decode", lambda packet, wanted: (read.append(packet), decode(packet, wanted))
-    )
+    reader, read = picker._reader, list[object]()
+    decoded = reader._decoded
+
+    def noted(packets: "Iterator[av.Packet[av.VideoStream]]") -> "Iterator[av.Packet[av.VideoStream]]":
+        for packet in packets:
+            read.append(packet)
+            yield packet
+
+    monkeypatch.setattr(reader, "_decoded", lambda packets: decoded(noted(packets)))
     picker.read(1)
     read.clear()
     picker.read(37)
@@ -85,6 +93,24 @@ def test_going_on_decodes_less_than_all(video: Path, monkeypatch: pytest.MonkeyP
     read.clear()
     picker.read(41)
     assert len(read) <= 5
+
+
+def test_before_where_reading_begins_only_what_others_depend_on_is_decoded(
+    video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with VideoReader(video, 47, 48) as reader:
+        n_decoded, decoded = 0, reader._decoded
+
+        def counted(packets: "Iterator[av.Packet[av.VideoStream]]") -> Iterator[av.VideoFrame]:
+            nonlocal n_decoded
+            for frame in decoded(packets):
+                n_decoded += 1
+                yield frame
+
+        monkeypatch.setattr(reader, "_decoded", counted)
+        next(iter(reader))
+    since_keyframe = 48 - reader.index.keyframe_before(47)[0]
+    assert (n_decoded < since_keyframe) == (video.suffix in (".mp4", ".mkv"))
 
 
 def test_what_is_not_there_is_said(video: Path) -> None:
@@ -100,10 +126,7 @@ def test_what_cannot_be_decoded_is_said_and_others_can(video: Path) -> None:
     whole = PicturePicker(index).read(0)
     content[len(content) // 2 : len(content) // 2 + 6000] = bytes(6000)
     video.with_suffix(".hurt").write_bytes(content)
-    hurt = PicturePicker(index)
-    hurt._container.close()
-    hurt._container = av.open(str(video.with_suffix(".hurt")))
-    hurt._stream = hurt._container.streams.video[0]
+    hurt = PicturePicker(replace(index, path=video.with_suffix(".hurt")))
     failed = 0
     for frame in range(_N):
         try:
