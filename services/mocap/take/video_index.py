@@ -166,7 +166,7 @@ def _packets(container: InputContainer, stream: VideoStream, path: Path) -> list
     try:
         every = container.demux(stream)
         return [_Packet.of(packet, codec, is_counted=is_counted) for packet in every if packet.size]
-    except av.error.FFmpegError:
+    except (av.error.FFmpegError, IndexError):  # the latter where damage makes a stream appear late
         raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
 
 
