@@ -35,6 +35,7 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.folder import open_take as open_take
+from services.mocap.take.moved_cameras import write_moved
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
@@ -105,7 +106,7 @@ def track(
     each comes as soon as it is solved.
 
     first_pose: (D,) of the first of these frames, where it is known. A fit knows those of its own frames, and
-    a refined one those of its result.
+    a refined one those of its result, and where the cameras stand (TakeFit.moved_take).
     Raises UserError for frames that the take does not have, and settings or a segmenter that do not suit it
     or cannot run here. The first frame raises TakeError where nobody is to be seen in it.
     """
@@ -116,7 +117,8 @@ def track(
     made, known = make_segmenter(take, take.cameras, segmenter), dict[int, Floats]()
     if isinstance(actor, TakeFit):
         known = actor.pose_table(take.settings.fps).by_frame()
-        made, actor = made.knowing(actor.occluded, actor.colour_tables), actor.actor
+        made, take = made.knowing(actor.occluded, actor.colour_tables), actor.moved_take or take
+        actor = actor.actor
     if first_pose is not None:
         known[numbers.start] = first_pose
     return _tracked(take, actor, numbers, known, made, search, engine)
@@ -195,9 +197,9 @@ def write_result(
 ) -> Result:
     """Write consecutive frames to a folder: poses.csv, joints.csv, actor.toml and files of some formats.
 
-    Existing results are replaced as a whole. output: how joints.csv and the formats' files are smoothed.
-    Raises UserError for frames that are not consecutive, a format that cannot be written here, or a folder
-    with other files than results.
+    take: after refine, the fit's moved_take if it has one. Existing results are replaced as a whole. output:
+    how joints.csv and the formats' files are smoothed. Raises UserError for frames that are not consecutive,
+    a format that cannot be written here, or a folder with other files than results.
     """
     solved = list(tracked)
     frames = np.array([frame.number for frame in solved], np.int32)
@@ -210,6 +212,7 @@ def write_result(
     known = {"name": settings.name, "folder": str(take.folder), "frames": len(solved), "fps": settings.fps}
     with results_into(folder, complete=True) as part:
         write_tracked(part, table, actor, settings.up, smooth)
+        write_moved(part, take)
         (part / RUN_JSON).write_text(json.dumps({"take": known}, indent=2) + "\n")
         write_formats(part, load_result(part), formats)
     return load_result(folder)

@@ -188,7 +188,7 @@ def _refined(
                 raise
             warn([f"the body was not fitted again to the whole take: {error}"])
             return _completed(job, report, before)
-        if found.actor == before and found.moved is None:
+        if found.actor == before and found.moved_take is None:
             say(_AS_IT_IS)
             return _completed(job, report, before)
         report = track_with_bar(replace(job, fitted=fitted), found.warnings)

@@ -21,8 +21,9 @@ from services.mocap.motion.settings import Smoother
 from services.mocap.result.words import accuracy_in_words, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
-from services.mocap.take.fit_record import read_colour_tables
+from services.mocap.take.fit_record import read_colour_tables, read_record
 from services.mocap.take.live import LiveTake, open_live
+from services.mocap.take.moved_cameras import moves_in_words
 from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, fit_of_actor, serve_group
 from services.runs.live import live as track_live
@@ -99,12 +100,17 @@ def _fit(take: LiveTake, group: str | None) -> Path | None:
     """The fit of the actor, if any (fit_of_actor); a host that only serves cameras does without one that
     cannot be used."""
     try:
-        return fit_of_actor(take)
+        folder = fit_of_actor(take)
+        record = None if folder is None else read_record(folder)
     except TakeError as problem:
         if group is None:
             raise
         warn([f"{problem}; cameras are served without the actor's colours"])
         return None
+    if record is not None and record.moved:
+        sentence = moves_in_words(record.moved, len(take.calibrated))
+        warn([f"{folder}: {sentence}: live tracking uses this calibration as it is: calibrate again"])
+    return folder
 
 
 def _groups_to_serve(config: Path, take: LiveTake, group: str | None, record: Path | None) -> list[str]:

@@ -18,6 +18,7 @@ from services.mocap.result.layout import CORRECTED_FRAMES, OVERLAY, RUN_JSON
 from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.take.folder import Take
+from services.mocap.take.moved_cameras import write_moved
 from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.mocap.verdict.judging import verdict_of
@@ -74,8 +75,9 @@ def write_results(
         write_run_json(
             part / RUN_JSON, take, info, actor, recorded, table.marks, output, joints_world_m, known
         )
+        write_moved(part, take)
         result = load_result(part)
-        verdict = verdict_of(result)
+        verdict = verdict_of(result, out)
         with edited_run(part) as run:
             run["verdict"] = verdict.model_dump()
         if overlay:

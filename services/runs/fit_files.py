@@ -7,7 +7,6 @@ from pathlib import Path
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
-from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import unpack_trimaps
@@ -30,11 +29,11 @@ from services.mocap.take.fit_record import (
     write_record,
 )
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import ACTOR, CALIBRATION
+from services.mocap.take.layout import ACTOR
+from services.mocap.take.moved_cameras import moves_of, write_moved
 from services.mocap.take.tables import write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
-from services.runs.moved_cameras import moves_of
 from services.runs.take_fit import TakeFit, frames_in_words
 
 
@@ -51,9 +50,7 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
         writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in found.measures)
     write_picture(folder / TURNTABLE, draw_turntable(build_body(found.actor)))
     write_picture(folder / OVERLAY, _overlay(take, found))
-    (folder / CALIBRATION).unlink(missing_ok=True)
-    if found.moved is not None:
-        write_calibration(folder / CALIBRATION, found.moved.calibrated, take.settings.up)
+    write_moved(folder, found.moved_take or take)
     shutil.rmtree(folder / OCCLUDED, ignore_errors=True)
     for name, mask in found.occluded.items():
         write_picture(folder / OCCLUDED / f"{name}.png", mask)
@@ -122,6 +119,6 @@ def _record(take: Take, found: TakeFit) -> FitRecord:
         iou_after=by_camera(found.fit.after),
         seconds=found.seconds,
         lacking=dict(found.lacking),
-        moved={} if found.moved is None else dict(moves_of(take, found.moved)),
+        moved=dict(moves_of(found.moved_take or take)),
         warnings=found.warnings,
     )

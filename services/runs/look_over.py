@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from services.segmentation.background import CameraBackground
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.silhouettes import Moment, Segmenter, packed
 
-Learnt: TypeAlias = tuple[dict[str, Mask], ColourClasses | None]
 _MOST_READ, _LOOKED_AT = 120, 60
 """All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
 _TAUGHT = 48
@@ -39,7 +37,7 @@ def look_over(
     progress: Callable[[float], None],
     *,
     learns_colours: bool,
-) -> Learnt:
+) -> tuple[dict[str, Mask], ColourClasses | None]:
     """What the poses of a result tell: by camera the pixels (h, w) in which something hides the actor, and
     the actor's colour classes, None without pictures or if there is one colour only."""
     rig, n_frames = Rig.of(take.cameras), len(found.tracked.frames)

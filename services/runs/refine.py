@@ -22,22 +22,23 @@ from services.mocap.errors import UserError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.hats import in_best_hat
 from services.mocap.fit.quality import in_best_skirt
-from services.mocap.result.result import Result, as_tracked, check_take, load_result
+from services.mocap.result.result import Result, check_take, load_result
 from services.mocap.sampling import evenly
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
-from services.mocap.take.moved_cameras import moved_take
+from services.mocap.take.moved_cameras import moved_take, moves_of, take_as_in
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats, Ints, Mask
-from services.runs.look_over import Learnt, look_over
+from services.runs.camera_placing import PLACING_FRAMES, disagree, placed, warn_of_moved
+from services.runs.look_over import look_over
 from services.runs.motion_blur import cut_motion_blur
-from services.runs.moved_cameras import PLACING_FRAMES, disagree, if_moved, placed, warn_of_moved
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import faces_other_way, turned_poses
+from services.segmentation.colour_classes import ColourClasses
 from services.segmentation.silhouettes import Segmenter
 
 DEFAULT_REFINE_FRAMES = 16
@@ -64,9 +65,8 @@ def refine_take(
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises UserError
     if the result is of another take or shows the body in fewer than two frames; else as fit_take.
     """
-    stated = silhouettes.take
-    found = result_of(stated, result)
-    take = as_tracked(stated, found)
+    found = result_of(silhouettes.take, result)
+    take = take_as_in(found.folder, silhouettes.take)
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
     clock = Clock(show)
@@ -86,13 +86,12 @@ def refine_take(
                     "body is not lost"
                 )
             poses = found.tracked.poses[rows]
-            look = partial(_look, found, rows, segmenter, progress, learns_colours=learns_colours)
-            (occluded, colours), (cameras, seen) = look(take)
+            look = partial(_look, found, rows, segmenter, learns_colours=learns_colours)
+            occluded, colours, cameras, seen = look(take, progress)
             if disagree(cameras, seen, found.actor, poses):
-                moved = _with_cameras_placed(take, found, segmenter.knowing(occluded))
-                if moved is not take:
-                    take = moved
-                    (occluded, colours), (cameras, seen) = look(take)
+                take = _with_cameras_placed(take, found, segmenter.knowing(occluded))
+                occluded, colours, cameras, seen = look(take, lambda _: None)
+            warn_of_moved(take)
             warn_of_occluded(take, occluded)
         coloured = found.actor
         if learns_colours:
@@ -105,8 +104,8 @@ def refine_take(
         names = take.camera_names
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
         return replace(
-            refined, occluded=occluded, colour_tables=tables, moved=if_moved(stated, take),
-            run_poses=_run_poses(found),
+            refined, occluded=occluded, colour_tables=tables, run_poses=_run_poses(found),
+            moved_take=take if moves_of(take) else None,
         )  # fmt: skip
 
 
@@ -114,17 +113,18 @@ def _look(
     found: Result,
     rows: Ints,
     segmenter: Segmenter,
-    progress: Callable[[float], None],
     take: Take,
+    progress: Callable[[float], None],
     *,
     learns_colours: bool,
-) -> tuple[Learnt, tuple[tuple[Camera, ...], TriPlanes]]:
+) -> tuple[dict[str, Mask], ColourClasses | None, tuple[Camera, ...], TriPlanes]:
     """What the poses of a result tell of its take (look_over), and what cameras then see in some rows."""
-    learnt = look_over(
+    occluded, colours = look_over(
         take, found, segmenter, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
     )
-    frames, known = found.tracked.frames[rows].tolist(), segmenter.knowing(learnt[0])
-    return learnt, seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
+    frames, known = found.tracked.frames[rows].tolist(), segmenter.knowing(occluded)
+    cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
+    return occluded, colours, cameras, seen
 
 
 def fit_other_way_round(
@@ -136,8 +136,8 @@ def fit_other_way_round(
     search: that of the result. Raises UserError if the result belongs to another take, or its silhouettes
     make no sense.
     """
-    stated, found = silhouettes.take, result_of(silhouettes.take, result)
-    take = as_tracked(stated, found)
+    found = result_of(silhouettes.take, result)
+    take = take_as_in(found.folder, silhouettes.take)
     rows = spread(found.distrusted[:, _TORSO], n_frames)
     if len(rows) < LEAST_FRAMES:
         return None
@@ -153,7 +153,7 @@ def fit_other_way_round(
         clock = Clock(lambda _stage, _share: None)
         fit = _fitted(take, rig, seen, actor, poses, search.body, clock)
         turned = concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
-        return replace(turned, moved=if_moved(stated, take))
+        return replace(turned, moved_take=take if moves_of(take) else None)
 
 
 def _fitted(
@@ -167,16 +167,12 @@ def _fitted(
 
 
 def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Take:
-    """The take with its cameras where the body of a result shows them, after a warning; the same take if it
-    does not show them clearly elsewhere."""
+    """The take with its cameras where the body of a result shows them; the same take if it does not show them
+    clearly elsewhere."""
     rows = least_doubtful_rows(found.distrusted, PLACING_FRAMES)
     cameras, seen = seen_of(take, found.tracked.frames[rows].tolist(), segmenter, lambda _: None)
     there = placed(cameras, seen, found.actor, found.tracked.poses[rows])
-    if there is cameras:
-        return take
-    moved = moved_take(take, there)
-    warn_of_moved(take, moved)
-    return moved
+    return take if there is cameras else moved_take(take, there)
 
 
 def _run_poses(found: Result) -> PoseTable:

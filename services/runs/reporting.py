@@ -31,14 +31,15 @@ class Clock:
 
 
 class _Keeper(logging.Handler):
-    """Stores log records."""
+    """Stores what was logged, each sentence once."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
         self.sentences: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.sentences.append(record.getMessage())
+        if (sentence := record.getMessage()) not in self.sentences:
+            self.sentences.append(sentence)
 
 
 @contextmanager

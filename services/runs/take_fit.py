@@ -66,9 +66,9 @@ class TakeFit:
     """By camera what the actor's colour classes look like there, as tracking told them."""
     lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """By camera which of hands, feet and head its silhouettes lack (lacking_ends)."""
-    moved: Take | None = None
+    moved_take: Take | None = None
     """The take with the cameras where the tracked body shows them, if some stand elsewhere than its
-    calibration says."""
+    calibration says; poses are in its world."""
     run_poses: PoseTable | None = None
     """The poses of the run that it started from, of frames that it did not mark, and of its first
     frame, unless the body is lost there."""

@@ -84,6 +84,7 @@ class FrameHistory:
             start = frame + 1 - 9 * MOST_FRAMES // 10
             self.frames = range(start, self.frames.stop)
             self._solved = {kept: solved for kept, solved in self._solved.items() if kept >= start}
+        length = min(length, self.frames.stop - start)
         marks = Overview.empty(length)
         for before, after in zip(vars(self._marks).values(), vars(marks).values(), strict=True):
             kept = before[start - self.extent.start :]

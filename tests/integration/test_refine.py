@@ -261,7 +261,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     report, known, silhouettes = {"speed": {}}, load_result(out), TakeSilhouettes(job.take)
     with pytest.raises(UserError, match="expected at least 2 frames in which"):
         track_again(job, silhouettes, report, is_asked_for=True)
-    same = SimpleNamespace(actor=known.actor, warnings=[])
+    same = SimpleNamespace(actor=known.actor, warnings=[], moved_take=None)
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
     assert track_again(job, silhouettes, report, is_asked_for=True) is report
     assert capfd.readouterr().out.endswith("left the body as it is\n")
@@ -279,7 +279,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     both_ways = replace(job, search=SearchSettings())
     assert track_again(both_ways, silhouettes, went_both_ways, is_asked_for=True) is went_both_ways
     coloured = known.actor.model_copy(update={"colours": {"head": (1, 1, 2, 2)}})
-    with_colours = SimpleNamespace(actor=coloured, warnings=[])
+    with_colours = SimpleNamespace(actor=coloured, warnings=[], moved_take=None)
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: with_colours)
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", lambda *_: {"speed": {"fps": 1.0}})
     assert track_again(job, silhouettes, report, is_asked_for=True) == {"speed": {"fps": 1.0}}

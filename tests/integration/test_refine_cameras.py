@@ -12,12 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from services.commands.calibrate.refine import REFINED
-from services.mocap.calibration.from_body import moved_by
 from services.mocap.camera.calibration import write_calibration
+from services.mocap.camera.camera import moved_by
 from services.mocap.result.result import load_result, open_take_of
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.folder import open_take
-from services.mocap.take.layout import CALIBRATION
+from services.mocap.take.layout import ACTOR, CALIBRATION
+from services.mocap.take.moved_cameras import moves_of, take_of_fit
 from services.mocap.verdict.judging import verdict_of
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -90,9 +91,18 @@ def test_a_take_is_tracked_with_its_cameras_where_the_first_run_shows_them(
     assert result.run["accuracy"]["mean_mm"] < 3
     assert result.energies_px.max() < 150  # 800 and more with the camera where it is not
     (said,) = (cause for cause in verdict_of(result).causes if "not where calibration.toml" in cause.what)
-    assert "cam02 (turned by 1.0 degrees" in said.what
-    kept = out / FIT_FOLDER / CALIBRATION
+    assert "cam02 (by 1.0 degrees" in said.what
+    kept = out / CALIBRATION
     assert str(kept) in said.remedy
+    assert said.model_dump() in result.run["verdict"]["causes"]
+    assert (out / FIT_FOLDER / CALIBRATION).exists()
+
+    # The fit's cameras go with its body: stored in the take, they are used by later runs, and only with it.
+    stored = xormocap("fit", knocked_take, "--refine", out)
+    assert stored.returncode == 0, stored.stderr
+    assert list(moves_of(take_of_fit(open_take(knocked_take)))) == ["cam02"]
+    (knocked_take / ACTOR).unlink()
+    assert not moves_of(take_of_fit(open_take(knocked_take)))
 
     # With what the remedy says, the calibration is right: no fit moves a camera of it any more.
     fitted = tmp_path / "fitted"

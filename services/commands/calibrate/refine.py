@@ -8,16 +8,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
-from services.mocap.calibration.from_body import Refined, moved_by, refine_cameras
+from services.mocap.calibration.from_body import Refined, refine_cameras
 from services.mocap.camera.calibration import write_calibration
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, moved_by
 from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
 from services.mocap.take.moved_cameras import moved_take
-from services.runs.moved_cameras import PLACING_FRAMES
+from services.runs.camera_placing import PLACING_FRAMES
 from services.runs.refine import result_of, spread
 from services.runs.reporting import Show, kept_warnings
 from services.runs.take_silhouettes import trimaps_of

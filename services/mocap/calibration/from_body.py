@@ -1,7 +1,7 @@
 """Extrinsics from a person who was tracked: which cameras are not where their calibration says, and where
 they are.
 
-This is Gauss-Newton over the extrinsics of all cameras and the poses of some frames, by contours of a known
+This is Gauss-Newton over the extrinsics of these cameras and the poses of some frames, by contours of a known
 body. Camera c is moved by a rigid motion M_c of the world before it: T_camera_world M_c. What it then sees is
 what it would see of a body that moves so, root and all. So the slopes of a residual by M_c follow from those
 by the root's parameters:
@@ -51,6 +51,8 @@ _STAGES = (
     FitStage((), ALL_DOFS, 0.8, 8, damping=0.003, is_strict=True),
 )
 """From coarse to fine; the first finds a camera that sees the body a limb's width off."""
+_FEWEST_HELD = 2
+"""One camera agrees with itself wherever it stands."""
 _RIDGE = 1e-6
 """Holds a camera that does not see the actor at all."""
 
@@ -81,9 +83,9 @@ def refine_cameras(
     """Move cameras so that an actor fits undistorted silhouettes (F, P, H, W), from poses (F, D) nearby.
 
     Lenses and body are held, and the cameras that see the body where its silhouettes are (offsets_px), which
-    hold the world; if there is none, the cameras' mean does. Those that are farthest off move first. Every
-    second frame is kept out; in these, poses alone are fitted before and after. progress is called with 0
-    to 1.
+    hold the world; if these are one or less than half, the cameras' mean does. Those that are farthest off
+    move first. Every second frame is kept out; in these, poses alone are fitted before and after. progress is
+    called with 0 to 1.
     """
     used, kept_out = (np.arange(first, len(seen), 2, dtype=np.int32) for first in (0, 1))
     n_cameras = len(cameras)
@@ -108,6 +110,9 @@ def refine_cameras(
         motions, fitted = adjustment.solve(moves, partial(progress_of_round, done))
     if not moves.any():
         return Refined(cameras, ~moves, before, before)
+    if np.count_nonzero(~moves) < max(_FEWEST_HELD, n_cameras / 2):
+        moves = np.ones(n_cameras, bool)
+        motions, _ = adjustment.solve(moves)
     # What moves all cameras together: nothing if some are held, else their mean motion back.
     gauge = _motion_of(motions.mean(axis=0)).inverse if moves.all() else IDENTITY
     found = tuple(
@@ -117,19 +122,9 @@ def refine_cameras(
     return Refined(found, ~moves, before, quality(found, 0.75))
 
 
-def moved_by(old: Camera, new: Camera) -> tuple[float, float]:
-    """How far a camera turned, in degrees, and moved, in millimetres."""
-    turn = Rotation.from_matrix(new.R_camera_world @ old.R_camera_world.T)
-    away_m = np.linalg.norm(new.centre_world_m - old.centre_world_m)
-    return float(np.degrees(turn.magnitude())), 1e3 * float(away_m)
-
-
 def offsets_px(cameras: tuple[Camera, ...], seen: TriPlanes, actor: Actor, poses: Floats) -> Floats:
     """(C,) how far each camera sees an actor in poses (F, D) beside the silhouettes (F, P, H, W), in working
-    pixels: the shift t of all its pictures that leaves least of the residuals r along the normals n,
-
-        sum w (r - n t)^2
-    """
+    pixels."""
     adjustment = _BodyAdjustment(Rig.of(cameras), seen, actor, poses)
     return adjustment.offsets_px(np.zeros((len(cameras), TWIST_SIZE)), poses)
 
@@ -165,7 +160,12 @@ class _BodyAdjustment:
         return mean.x.reshape(-1, TWIST_SIZE), mean.poses
 
     def offsets_px(self, motions: Floats, poses: Floats) -> Floats:
-        """As the function, with motions (C, 6) before the cameras."""
+        """(C,) how far each camera sees the body in poses (F, D) beside the silhouettes, with motions (C, 6)
+        before the cameras: the shift t of all its pictures that leaves least of the residuals r along the
+        normals n,
+
+            sum w (r - n t)^2
+        """
         rig = self._moved(motions)
         matched = match_frames(self._slopes.body, poses, rig, self._contours)
         offsets = np.zeros(rig.n_cameras)

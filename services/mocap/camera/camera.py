@@ -4,6 +4,7 @@ import unicodedata
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from services.mocap.types import Floats
 
@@ -89,6 +90,13 @@ class Camera:
         if share >= 1:
             return self
         return self.resized(max(1, round(share * self.width_px)), max(1, round(share * self.height_px)))
+
+
+def moved_by(old: Camera, new: Camera) -> tuple[float, float]:
+    """How far a camera turned, in degrees, and moved, in millimetres."""
+    turn = Rotation.from_matrix(new.R_camera_world @ old.R_camera_world.T)
+    away_m = np.linalg.norm(new.centre_world_m - old.centre_world_m)
+    return float(np.degrees(turn.magnitude())), 1e3 * float(away_m)
 
 
 def nearest_to_rays_m(starts_m: Floats, rays: Floats) -> Floats:

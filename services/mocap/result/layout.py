@@ -5,7 +5,7 @@ from pathlib import Path
 from services.mocap.body.actor import MESH_FILE
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.journal import JOURNAL
-from services.mocap.take.layout import ACTOR
+from services.mocap.take.layout import ACTOR, CALIBRATION
 
 POSES, POSES_SMOOTH, JOINTS = "poses.csv", "poses_smooth.csv", "joints.csv"
 BVH, GLB, TRC, C3D = "motion.bvh", "motion.glb", "motion.trc", "motion.c3d"
@@ -17,7 +17,7 @@ CORRECTED_FRAMES = "corrected_frames_by_part"
 KNOWN = {
     *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES, TIMINGS, ENERGIES),
     *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),
-    *(ACTOR, MESH_FILE, FIT_FOLDER, JOURNAL),
+    *(ACTOR, CALIBRATION, MESH_FILE, FIT_FOLDER, JOURNAL),
 }
 """All files that a results folder may contain."""
 

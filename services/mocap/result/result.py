@@ -19,11 +19,10 @@ from services.mocap.motion.motion import Motion
 from services.mocap.result.frame_files import FRAME_FILES, read_frame_file
 from services.mocap.result.layout import JOINTS, POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
-from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import DISTRUSTED, PARTS
-from services.mocap.take.moved_cameras import take_of_fit
+from services.mocap.take.moved_cameras import take_as_in
 from services.mocap.take.quantities import FURTHER, Labelled
 from services.mocap.take.segmenter_name import AUTO
 from services.mocap.take.tables import (
@@ -199,13 +198,7 @@ def open_take_of(result: Result, folder: Path) -> Take:
     take = open_take(folder)
     if "live" not in result.run:  # a recording is named like its folder
         check_take(result, take, str(result.folder))
-    return as_tracked(take, result)
-
-
-def as_tracked(take: Take, result: Result) -> Take:
-    """The take of a result with its cameras where the run had them."""
-    fitted = result.folder / FIT_FOLDER
-    return take_of_fit(take, fitted if fitted.exists() else None)
+    return take_as_in(result.folder, take)
 
 
 @contextmanager

@@ -61,6 +61,8 @@ class Take:
     """The clean plates of the cameras that have one: videos or PNG pictures."""
     remarks: tuple[str, ...] = ()
     """Sentences about the recording that its user should know."""
+    stated: tuple[Camera, ...] = ()
+    """The cameras as calibration.toml has them, if `calibrated` has some of them elsewhere (moved_take)."""
 
     @cached_property
     def cameras(self) -> tuple[Camera, ...]:

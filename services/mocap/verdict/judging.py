@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Set
+from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
@@ -12,9 +13,9 @@ from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.lacking_ends import LACKING_REMEDY, lacking_in_words
-from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import CALIBRATION
 from services.mocap.take.marks import PARTS, WHOLE_BODY
+from services.mocap.take.moved_cameras import moves_in_words
 from services.mocap.types import Floats, Mask
 from services.mocap.verdict.verdict import (
     LEVELS,
@@ -67,11 +68,12 @@ _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 """One adult in a million is taller; smaller people are children, who are measured less well."""
 
 
-def verdict_of(result: Result) -> Verdict:
-    """The verdict on a result, by its files alone. Raises TakeError if one cannot be read."""
+def verdict_of(result: Result, folder: Path | None = None) -> Verdict:
+    """The verdict on a result, by its files alone. folder: where they will be, if they are elsewhere yet.
+    Raises TakeError if one cannot be read."""
     iou = {camera: values for camera, values in result.quantities.get("iou", {}).items() if len(values)}
     before = _found_before(result)
-    found = _found(result, iou, before)
+    found = _found(result, iou, before, folder or result.folder)
     lost_limbs = lost_limbs_of(result.distrusted, result.confidence)
     levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in (*before, *found))]
     level = max(levels, key=LEVELS.index)
@@ -131,14 +133,16 @@ def _found_before(result: Result) -> tuple[Cause, ...]:
         raise TakeError(f"{where}: expected what xormocap track wrote: remove this entry") from None
 
 
-def _found(result: Result, iou: Mapping[str, Floats], before: tuple[Cause, ...]) -> tuple[Cause, ...]:
-    """The causes that the result shows. iou: (N,) by camera."""
+def _found(
+    result: Result, iou: Mapping[str, Floats], before: tuple[Cause, ...], folder: Path
+) -> tuple[Cause, ...]:
+    """The causes that the result in a folder shows. iou: (N,) by camera."""
     explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
     return (
         *_body(result),
-        *_moved_cameras(result),
+        *_moved_cameras(result, folder),
         *_silhouettes(result, len(iou)),
-        *_cameras(result, iou, explained),
+        *_cameras(result, iou, explained, folder),
         *_moments(result, iou, explained),
     )
 
@@ -218,22 +222,19 @@ def _silhouettes(result: Result, n_cameras: int) -> Iterator[Cause]:
         )
 
 
-def _moved_cameras(result: Result) -> Iterator[Cause]:
-    """Cameras that do not stand where the calibration says, which the run has corrected."""
-    moved: dict[str, tuple[float, float]] = result.run.get("fit", {}).get("moved", {})
-    if moved:
-        places = (
-            f"{name} (turned by {deg:.1f} degrees, moved by {mm:.0f} mm)" for name, (deg, mm) in moved.items()
-        )
+def _moved_cameras(result: Result, folder: Path) -> Iterator[Cause]:
+    """Cameras that do not stand where the calibration says; the run had them where the body shows them."""
+    fit = result.run.get("fit", {})
+    if moves := fit.get("moved"):
         yield Cause(
-            what=f"not where calibration.toml says: {', '.join(places)}; tracked with their places as the "
-            "body shows them",
-            remedy=f"calibrate again, or copy {result.folder / FIT_FOLDER / CALIBRATION} into the take",
+            what=f"{moves_in_words(moves, len(fit['projections']))}: tracked with their places as the body "
+            "shows them",
+            remedy=f"calibrate again, or copy {folder / CALIBRATION} into the take if they are likely",
             level="good",
         )
 
 
-def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> Iterator[Cause]:
+def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str], folder: Path) -> Iterator[Cause]:
     """Cameras whose silhouettes the body covers far less than it covers the others'.
 
     explained: cameras of which it is known why.
@@ -255,7 +256,7 @@ def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
                 what=f"{camera} agrees less with the body than the others (IoU {value:.2f}, others "
                 f"{others:.2f}): it is out of step, was moved, or its silhouettes are wrong",
                 remedy=f"xormocap sync {take} tells whether it is out of step, xormocap calibrate --check "
-                f"{take} whether it was moved; xormocap calibrate {take} --refine {result.folder} then finds "
+                f"{take} whether it was moved; xormocap calibrate {take} --refine {folder} then finds "
                 "where it stands now",
                 level="usable with gaps",
             )

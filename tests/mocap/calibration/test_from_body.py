@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.calibration.from_body import moved_by, offsets_px, refine_cameras
-from services.mocap.camera.camera import Camera
+from services.mocap.calibration.from_body import offsets_px, refine_cameras
+from services.mocap.camera.camera import Camera, moved_by
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, moved_by
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -18,10 +18,10 @@ from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.folder import Take
-from services.mocap.take.moved_cameras import moved_take
+from services.mocap.take.moved_cameras import moved_take, moves_in_words, moves_of, take_as_in, write_moved
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
-from services.runs.moved_cameras import disagree, if_moved, moves_of, placed
+from services.runs.camera_placing import disagree, placed
 
 _ACTOR = Actor(height=1.75)
 _CAMERAS = tuple(studio_cameras(5))
@@ -70,13 +70,34 @@ def test_a_camera_that_sees_something_else_moves_none(poses: Floats, seen: TriPl
     assert placed(_CAMERAS, spoilt, _ACTOR, poses) is _CAMERAS
 
 
-def test_moves_are_told_of_the_cameras_that_moved() -> None:
-    settings = TakeSettings(name="take", fps=15, units="m", up="z", frames=8)
+def test_two_cameras_both_move_as_nothing_tells_which_one_did(poses: Floats, seen: TriPlanes) -> None:
+    two = TriPlanes.sure(
+        np.array([pack(unpack(planes, len(_CAMERAS))[[0, 2]]) for planes in seen.silhouettes])
+    )
+    given = (_CAMERAS[0], _turned(_CAMERAS[2], 1.0))
+    found = placed(given, two, _ACTOR, poses)
+    moves = [moved_by(old, new) for old, new in zip(given, found, strict=True)]
+    assert min(turned_deg for turned_deg, _ in moves) > 0.1
+
+
+def test_moves_are_told_of_the_cameras_that_moved(tmp_path: Path) -> None:
+    settings = TakeSettings(name="take", fps=15, units="m", up="y", frames=8)
     take = Take(Path("take"), settings, _CAMERAS, "silhouettes")
-    assert if_moved(take, moved_take(take, _CAMERAS)) is None
-    moved = moved_take(take, [_turned(_CAMERAS[2], 0.5)])
-    assert if_moved(take, moved) is moved
-    ((name, (turned_deg, moved_mm)),) = moves_of(take, moved).items()
+    assert not moves_of(take)
+    assert not moves_of(moved_take(take, _CAMERAS))
+    moved = moved_take(moved_take(take, [_turned(_CAMERAS[2], 0.2)]), [_turned(_CAMERAS[2], 0.5)])
+    ((name, (turned_deg, moved_mm)),) = moves_of(moved).items()
     assert name == _CAMERAS[2].name
     assert turned_deg == pytest.approx(0.5)
     assert moved_mm == pytest.approx(0.0, abs=1e-6)
+    assert (
+        moves_in_words(moves_of(moved), 5)
+        == f"not where calibration.toml says: {name} (by 0.5 degrees, 0 mm)"
+    )
+    assert name not in moves_in_words(moves_of(moved), 3)
+
+    write_moved(tmp_path, moved)
+    again = moves_of(take_as_in(tmp_path, take))
+    assert again[name] == pytest.approx((turned_deg, moved_mm), abs=1e-3)
+    write_moved(tmp_path, take)
+    assert take_as_in(tmp_path, take) is take
