@@ -98,14 +98,12 @@ def test_a_take_is_tracked_with_its_cameras_where_the_first_run_shows_them(
     assert (out / FIT_FOLDER / CALIBRATION).exists()
 
     # The fit's cameras go with its body: stored in the take, they are used by later runs, and only with it.
-    stored = xormocap("fit", knocked_take, "--refine", out)
+    stored = xormocap("fit", knocked_take, "--refine", out, "--no-check")
     assert stored.returncode == 0, stored.stderr
     assert list(moves_of(take_of_fit(open_take(knocked_take)))) == ["cam02"]
     (knocked_take / ACTOR).unlink()
     assert not moves_of(take_of_fit(open_take(knocked_take)))
 
-    # With what the remedy says, the calibration is right: no fit moves a camera of it any more.
-    fitted = tmp_path / "fitted"
+    # With what the remedy says the calibration is right, and the results' cameras are its own.
     shutil.copy(kept, knocked_take / CALIBRATION)
-    assert xormocap("fit", knocked_take, "--refine", out, "--out", fitted).returncode == 0
-    assert not (fitted / CALIBRATION).exists()
+    assert not moves_of(open_take_of(result, knocked_take))
