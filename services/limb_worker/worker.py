@@ -29,7 +29,7 @@ class Worker:
         self._links = links
         self._tasks: dict[int, LimbTask] = {}
         """The coordinators, numbered from 0, each with its task that is not started; the one that has waited
-        longest is first. A correct coordinator sends one task at a time; another's newest replaces all."""
+        longest is first. A correct coordinator sends one task at a time; else only the newest is held."""
         self._solver = LimbSolver(engine, takes=len(links))
 
     def listen(self) -> None:

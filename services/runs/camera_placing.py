@@ -14,7 +14,7 @@ from services.mocap.calibration.from_body import OFF_PX, offsets_px, refine_came
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.folder import Take
-from services.mocap.take.moved_cameras import moves_in_words, moves_of
+from services.mocap.take.moved_cameras import AS_THE_BODY_SHOWS, moves_in_words, moves_of
 from services.mocap.types import Floats
 
 PLACING_FRAMES = 48
@@ -47,5 +47,4 @@ def placed(cameras: tuple[Camera, ...], seen: TriPlanes, actor: Actor, poses: Fl
 def warn_of_moved(take: Take) -> None:
     """Say which cameras of a take were moved, if any."""
     if moves := moves_of(take):
-        sentence = moves_in_words(moves, len(take.calibrated))
-        log.warning("%s: tracked with their places as the body shows them", sentence)
+        log.warning("%s: %s", moves_in_words(moves, len(take.calibrated)), AS_THE_BODY_SHOWS)

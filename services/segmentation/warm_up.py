@@ -17,9 +17,8 @@ def warm_up() -> None:
     empty: Bytes = np.random.default_rng(0).integers(90, 110, (4, _SIZE_PX, _SIZE_PX, 3)).astype(np.uint8)
     plates = [Plate.learn(empty, LIGHT_UNCERTAINTY) for _ in cameras]
     matte = JointMatte(cameras, plates)
-    light = np.linspace(0.95, 1.05, _SIZE_PX)[
-        :, None
-    ]  # has moved over the stage, so that bands are looked for
+    # The light has moved over the stage, so that bands are looked for.
+    light = np.linspace(0.95, 1.05, _SIZE_PX)[:, None]
     somebody = np.rint(empty[0] * light).astype(np.uint8)
     somebody[20:80, 40:60] //= 2
     moment = dict.fromkeys(range(len(cameras)), somebody)

@@ -36,8 +36,8 @@ from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Mask
 
 OFF_PX = 0.5
-"""Cameras that see the body's outlines beside the silhouettes' by as much in the mean, in working pixels, do
-not stand where their calibration says. Of 33 right calibrations, 32 have at most .37; one with furniture
+"""A camera that sees the body so many working pixels beside its silhouettes does not stand where its
+calibration says. Of 33 right calibrations, 32 have at most .37; one with furniture
 before a camera has .88. A camera that is turned by .3 degrees has 1.5."""
 _OF_LARGEST = 0.5
 """Cameras that are off by less than this share of the largest offset may be so because of that one: it pulls

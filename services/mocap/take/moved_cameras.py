@@ -15,6 +15,8 @@ from services.mocap.take.live import LiveTake
 
 Moves: TypeAlias = Mapping[str, tuple[float, float]]
 """By camera how far it was turned, in degrees, and moved, in millimetres."""
+AS_THE_BODY_SHOWS = "tracked with their places as the body shows them"
+"""What a run did about them, after moves_in_words."""
 _SAME_DEG, _SAME_MM = 0.01, 0.5
 """Up to this a camera stands where it did: files are rounded."""
 _FEWEST_TOLD = 4

@@ -15,7 +15,7 @@ from services.mocap.search.chains import LIMBS
 from services.mocap.search.lacking_ends import LACKING_REMEDY, lacking_in_words
 from services.mocap.take.layout import CALIBRATION
 from services.mocap.take.marks import PARTS, WHOLE_BODY
-from services.mocap.take.moved_cameras import moves_in_words
+from services.mocap.take.moved_cameras import AS_THE_BODY_SHOWS, moves_in_words
 from services.mocap.types import Floats, Mask
 from services.mocap.verdict.verdict import (
     LEVELS,
@@ -227,9 +227,9 @@ def _moved_cameras(result: Result, folder: Path) -> Iterator[Cause]:
     fit = result.run.get("fit", {})
     if moves := fit.get("moved"):
         yield Cause(
-            what=f"{moves_in_words(moves, len(fit['projections']))}: tracked with their places as the body "
-            "shows them",
-            remedy=f"calibrate again, or copy {folder / CALIBRATION} into the take if they are likely",
+            what=f"{moves_in_words(moves, len(fit['projections']))}: {AS_THE_BODY_SHOWS}",
+            remedy="calibrate again, or, if these places are likely, copy "
+            f"{folder / CALIBRATION} into the take",
             level="good",
         )
 
