@@ -56,7 +56,7 @@ class PaperTest:
     @staticmethod
     def learn(frames: Iterable[Bytes]) -> "PaperTest":
         """From BGR uint8 frames (H, W, 3) of the empty stage; raises UserError as Plate.learn does."""
-        return PaperTest(Plate.learn(frames, of_codec=False))
+        return PaperTest(Plate.learn(frames))
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap; depends on this image alone. Raises UserError where it is not of the plate's

@@ -28,6 +28,7 @@ from services.segmentation.cleanup import (
     drop_unconfirmed,
     opened,
 )
+from services.segmentation.codec_errors import CodecErrors
 from services.segmentation.comparison import CHANGED, LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
 from services.segmentation.edges import EDGE_WIDTH_PERMILLE, settle_edges
@@ -67,7 +68,8 @@ class JointMatte:
     def __init__(self, cameras: Sequence[Camera], plates: Sequence[Plate]) -> None:
         self._cameras = list(cameras)
         self._compared = [Comparison(plate) for plate in plates]
-        self._learnt = [Learnt(plate) for plate in plates]
+        self._errors = [CodecErrors(plate) for plate in plates]
+        self._learnt = [Learnt(compared) for compared in self._compared]
         self._lenses = Lenses.of(cameras)
         self._has_others = len(cameras) > 1
         self._floor: Floor | None = None
@@ -114,6 +116,14 @@ class JointMatte:
         plates = (compared.plate for compared in self._compared)
         return [float(np.hypot(*plate.anchors.shift_px(images_bgr[c]))) for c, plate in enumerate(plates)]
 
+    def allow_for_errors(self, moments: Iterable[Mapping[int, Bytes]]) -> None:
+        """Expect codecs' errors as large as those in pictures of some moments, and of earlier calls."""
+        for images in moments:
+            self._compare(images)
+            side_by_side(lambda c: self._errors[c].add(self._compared[c]), images)
+        for compared, errors in zip(self._compared, self._errors, strict=True):
+            compared.plate = errors.plate
+
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Collect the certain actor pixels in pictures; `conclude` puts them to use."""
         there = self._compare(images_bgr)
@@ -142,7 +152,7 @@ class JointMatte:
         self.conclude()
         if any(moved.any() for moved in self.moved):
             for c, learnt in enumerate(self._learnt):
-                self._learnt[c] = Learnt(self._compared[c].plate, learnt.moved)
+                self._learnt[c] = Learnt(self._compared[c], learnt.moved)
             for images in moments():
                 self.learn(images)
             self.conclude()

@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) -> None:
     """Learn from moments at the start of a take and from later keyframes: every process learns the same."""
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
+    matte.allow_for_errors(floor_moments)
     matte.settle_floor(floor_moments)
     matte.learn_all(lambda: _moments(take, cameras))
     _tell_moved(f"{take.folder}: ", [camera.name for camera in cameras], matte.moved)
@@ -100,6 +101,7 @@ class LiveLearner:
         if self._shots % every:
             return
         self._learnt += 1
+        self._matte.allow_for_errors([images_bgr])
         self._matte.learn(images_bgr)
         if self._learnt % _LIVE_CONCLUSIONS == 0 or self._learnt == 1:
             self._matte.conclude()

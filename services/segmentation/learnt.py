@@ -8,8 +8,8 @@ from scipy.ndimage import convolve1d
 
 from services.mocap.types import Bytes, Floats, Longs, Mask
 from services.segmentation.cleanup import drop_specks, drop_unconfirmed, opened
+from services.segmentation.comparison import Comparison
 from services.segmentation.pixels import Levels
-from services.segmentation.plate import Plate
 from services.segmentation.voxels import ALONE, CLASS_PRIOR, DEEP, MORE_MISS, N_CLASSES, NEAR
 
 BINS = 32
@@ -100,9 +100,9 @@ def _smoothed(counts: Floats) -> Floats:
 class Learnt:
     """What was learnt of one camera's pictures; `add` takes in, `conclude` makes it count."""
 
-    def __init__(self, plate: Plate, moved: Mask | None = None) -> None:
-        """moved: (H, W) where an object is known to have been moved."""
-        self._plate_log_density = float(np.median(plate.log_peak))
+    def __init__(self, compared: Comparison, moved: Mask | None = None) -> None:
+        """compared: of this camera. moved: (H, W) where an object is known to have been moved."""
+        self._compared, plate = compared, compared.plate
         self.colours = ActorColours()
         self._n_changed = np.zeros(N_CLASSES)
         """Number of certainly changed pixels, by the class from the other cameras."""
@@ -157,7 +157,8 @@ class Learnt:
         self.log_colours = self.colours.log_density(of_all)
         share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
         # Well within what the others see, a pixel as in the plate may be the actor's if it has such a colour.
-        telling = self.log_colours.ravel() - self._plate_log_density < _TELLING_COLOUR
+        of_plate = float(np.median(self._compared.plate.log_peak))
+        telling = self.log_colours.ravel() - of_plate < _TELLING_COLOUR
         n_same = self._n_same.sum(axis=1)
         n_same[:NEAR] = self._n_same[:NEAR, telling].sum(axis=1)
         odds = (self._n_changed + _COUNTED_PIXELS * share) / (n_same + _COUNTED_PIXELS * (1.0 - share))

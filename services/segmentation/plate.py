@@ -1,7 +1,7 @@
 """The empty stage as seen by one camera: colour, noise and outlines of every pixel."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -45,6 +45,8 @@ class Plate:
     whitening: Steps
     """(6, H, W) lower triangle of the matrix that turns differences in colour into standard deviations,
     WHITENING_STEPS to one."""
+    noise2: Levels
+    """(H, W) squared deviation of the noise, the mean of the channels, in levels."""
     turn_noise: Levels
     """(H, W) deviation of the noise across the direction of the background's colour, in levels."""
     slack: Levels
@@ -63,23 +65,18 @@ class Plate:
 
     @staticmethod
     def learn(
-        frames: Iterable[Bytes],
-        light_uncertainty: float = 0.0,
-        picture: Bytes | None = None,
-        *,
-        of_codec: bool = True,
+        frames: Iterable[Bytes], light_uncertainty: float = 0.0, picture: Bytes | None = None
     ) -> "Plate":
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
         light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
         picture: (H, W, 3) of the take, which may have another contrast and more noise than the plate.
-        of_codec: whether pictures may differ from the plate by errors of a codec that it does not show.
 
         Flicker between the frames is removed first, so that it does not count as noise. Each pixel's
         covariance is shrunk towards the picture's mean, more for fewer frames. Raises UserError if there are
         no frames or their sizes differ.
         """
-        mean, covariance = statistics_of(frames, of_codec=of_codec)
+        mean, covariance = statistics_of(frames)
         comparable = picture if picture is not None and picture.shape[:2] == mean.shape[1:] else None
         tone = None if comparable is None else plate_tone(mean, comparable)
         if tone is not None:
@@ -90,10 +87,12 @@ class Plate:
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
-        slack, brightness = _slack(mean, covariance), np.linalg.norm(mean, axis=0)
+        noise2 = (covariance[BB] + covariance[GG] + covariance[RR]) / 3
+        slack, brightness = _slack(mean, noise2), np.linalg.norm(mean, axis=0)
         return Plate(
             mean=np.rint(mean * MEAN_STEPS).clip(0, 255 * MEAN_STEPS).astype(np.int16),
             whitening=np.rint(whitening * WHITENING_STEPS).clip(-32768, 32767).astype(np.int16),
+            noise2=noise2,
             turn_noise=turn_noise,
             slack=slack,
             log_slack=np.float32(1.5) * np.log(slack),
@@ -102,6 +101,21 @@ class Plate:
             gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
             anchors=Anchors.on(np.moveaxis(mean, 0, 2)),
             has_other_tone=tone is not None,
+        )
+
+    def with_noise(self, levels: float) -> "Plate":
+        """The plate with further noise of a deviation per channel, whose channels are as alike as before."""
+        growth = 1 + np.float32(levels**2) / self.noise2
+        slack = growth * self.slack / (1 + (growth - 1) * self.slack)
+        return replace(
+            self,
+            whitening=np.rint(self.whitening / np.sqrt(growth)).astype(np.int16),
+            noise2=self.noise2 * growth,
+            turn_noise=self.turn_noise * np.sqrt(growth),
+            slack=slack,
+            log_slack=np.float32(1.5) * np.log(slack),
+            log_span=self.log_span + np.log(growth) / 2,
+            log_peak=self.log_peak - np.float32(1.5) * np.log(growth),
         )
 
     @cached_property
@@ -135,11 +149,10 @@ def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
     return np.asarray(np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2))
 
 
-def _slack(mean: Levels, covariance: Levels) -> Levels:
+def _slack(mean: Levels, noise2: Levels) -> Levels:
     """Noise over noise plus what a shift by `_SHIFT_PX` changes (H, W): 1 on even ground, less at
     outlines."""
     grey = mean.mean(axis=0)
     across, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1)))
     slope2 = across**2 + down**2
-    noise2 = (covariance[BB] + covariance[GG] + covariance[RR]) / 3
     return np.asarray(noise2 / (noise2 + _SHIFT_PX**2 * slope2))

@@ -12,10 +12,8 @@ from services.segmentation.exposure import Gauge
 from services.segmentation.pixels import BB, GB, GG, MAD_SIGMA, RB, RG, RR, Levels
 
 _NOISE_FLOOR_LEVELS = 1.5
-"""Deviation per channel that a plate does not show: rounding, a codec's still scene."""
-_PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS = (0.1, 0.8), (5.0, _NOISE_FLOOR_LEVELS)
-"""The same, by the deviation that the plate shows, where a codec may have removed some: the more it
-compresses, the less noise of a still scene is left, and the larger are its errors where something moves."""
+"""Deviation per channel that a plate does not show: rounding, a codec's still scene. Its errors where
+something moves are measured in the take (codec_errors)."""
 _CLIPPED = (1, 254)
 """Levels from which on noise is cut off."""
 _LEAST_WHOLE = 0.2
@@ -28,12 +26,11 @@ PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Channels whose products make up the planes BB to RR."""
 
 
-def statistics_of(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, Levels]:
+def statistics_of(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
     """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
 
     With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES, the
-    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + f^2, where the noise floor f follows from C if the
-    pictures may be of a codec.
+    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + f^2 with the noise floor f.
     """
     count = 0
     for frame in frames:  # only sums are kept, so that long plates of large pictures fit into memory
@@ -62,9 +59,7 @@ def statistics_of(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, L
         common = scatter[:, counted].mean(axis=1, keepdims=True) / extra
     covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
     covariance *= 1 + 1 / count  # the mean's own noise adds to the new picture's
-    noise_levels = np.sqrt(max(float((common[BB] + common[GG] + common[RR])[0]), 0.0) / 3)
-    floor_levels = np.interp(noise_levels, _PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS)
-    covariance += one * (floor_levels if of_codec else _NOISE_FLOOR_LEVELS) ** 2
+    covariance += one * _NOISE_FLOOR_LEVELS**2
     height, width = first.shape[:2]
     mean = np.moveaxis(first, 2, 0) + shift.reshape(3, height, width)
     return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)

@@ -227,6 +227,7 @@ def joint(cameras: Sequence[Camera], floor_m: float = 0.0) -> JointMatte:
 
 def taught(segmenter: JointMatte, moments: Sequence[Mapping[int, Bytes]]) -> JointMatte:
     """The same segmenter once it has learnt from some moments."""
+    segmenter.allow_for_errors(moments)
     segmenter.settle_floor(moments)
     for images in moments:
         segmenter.learn(images)

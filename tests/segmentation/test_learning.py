@@ -1,7 +1,7 @@
 """What is learnt of a take, and of live pictures: the same whoever asks, and no more often than needed."""
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,12 @@ class Pupil(JointMatte):
     def __init__(self) -> None:
         self.done: list[str] = []
         self.seen: list[Mapping[int, Bytes]] = []
+        self.measured = self.floor_moments = 0
+        """Moments in which a codec's errors were measured."""
         self.has_moved = False
+
+    def allow_for_errors(self, moments: Iterable[Mapping[int, Bytes]]) -> None:
+        self.measured += len(list(moments))
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         self.done.append("learn")
@@ -65,6 +70,7 @@ class Pupil(JointMatte):
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
         self.done += ["floor"] * bool(moments)
+        self.floor_moments = len(moments)
 
 
 @pytest.mark.parametrize("frames", [1, 4, 11, 40, 200])
@@ -83,6 +89,7 @@ def test_a_take_is_looked_at_here_and_there(
     learn_from_take(pupil, take, take.cameras)
     assert pupil.done[0] == "floor"
     assert pupil.done[-1] == "conclude"
+    assert pupil.measured == pupil.floor_moments > 0
     learnt = pupil.done.count("learn")
     assert min(frames, 10) <= learnt <= max(16, min(frames, 24))
     assert all(sorted(images) == [0, 1] for images in pupil.seen)
@@ -106,6 +113,7 @@ def test_live_pictures_teach_ever_more_rarely() -> None:
     apart = np.diff(at_shots)
     assert (np.diff(apart) >= 0).all()
     assert apart[0] * 10 == apart[-1]
+    assert pupil.measured == len(at_shots)
     assert pupil.done.count("learn") / 7 < pupil.done.count("conclude") < pupil.done.count("learn") / 5
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from services.mocap.types import Bytes, Mask
+from services.segmentation.comparison import Comparison
 from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.plate import Plate
 from services.segmentation.voxels import INSIDE, MORE_MISS
@@ -21,7 +22,7 @@ def image() -> Bytes:
 
 @pytest.fixture
 def learnt(image: Bytes) -> Learnt:
-    return Learnt(Plate.learn(iter([image] * 3)))
+    return Learnt(Comparison(Plate.learn(iter([image] * 3))))
 
 
 def _classes(told: Mask, otherwise: int, where_told: int) -> Bytes:
