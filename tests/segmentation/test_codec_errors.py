@@ -46,10 +46,15 @@ def measured(pictures: list[Bytes], plate: Plate) -> CodecErrors:
     return errors
 
 
-@pytest.mark.parametrize("levels", [0.8, 1.2, 1.6])
-def test_errors_of_patches_count_three_times_as_much(levels: float) -> None:
+@pytest.mark.parametrize("levels", [1.2, 1.6, 1.8])
+def test_errors_of_patches_beyond_usual_ones_count_three_times_as_much(levels: float) -> None:
+    """A little less, because the light field takes part of them for light."""
     found = measured(with_errors(wall(12), levels, 24), Plate.learn(wall(12))).levels
-    assert found == pytest.approx(3 * levels, rel=0.2)
+    assert 0.6 < found / (3 * np.sqrt(levels**2 - 0.8**2)) < 1.1
+
+
+def test_usual_errors_count_for_nothing() -> None:
+    assert measured(with_errors(wall(12), 0.6, 24), Plate.learn(wall(12))).levels == 0.0
 
 
 def test_large_errors_are_bounded() -> None:
@@ -57,7 +62,7 @@ def test_large_errors_are_bounded() -> None:
 
 
 def test_noise_that_is_everywhere_alike_is_no_error() -> None:
-    assert measured(with_errors(wall(12), 0.0, 24), Plate.learn(wall(12))).levels < 0.7
+    assert measured(with_errors(wall(12), 0.0, 24), Plate.learn(wall(12))).levels == 0.0
 
 
 def test_nothing_is_told_of_an_empty_stage_or_a_few_pixels() -> None:
