@@ -18,8 +18,8 @@ _PATCH_PX = 3
 _SURELY_LEVELS = 20.0
 """A patch that is farther off the plate in one channel is no error."""
 _NEAR_PX, _FAR_PX = (3, 16), 48
-"""Distances from such patches between which, and from which on, errors are measured: a codec's blocks have 16
-pixels, in small and in large pictures."""
+"""Errors are measured between 3 and 16 pixels from such patches, since a codec's blocks have up to 16, and
+compared with those farther away than 48."""
 _FARTHEST_LEVELS, _BINS = 16.0, 160
 _QUANTILE = 0.75
 """Of the patches; what is left of the actor among the near ones is above it."""
@@ -62,9 +62,9 @@ class CodecErrors:
     def levels(self) -> float:
         """Deviation per channel and pixel that stands for the errors; 0 while too little was seen.
 
-        With n and f the deviations of near and far patches and u the usual difference, it is
-        3 √(n² - f² - u²), because a patch of 3x3 pixels whose errors are alike may count only as much as one
-        whose errors average out; at most _MOST_LEVELS.
+        With n and f how far a share of _QUANTILE of the near and of the far patches is off at most, and u the
+        usual difference, it is 3 √(n² - f² - u²), because a patch of 3x3 pixels whose errors are alike may
+        count only as much as one whose errors average out; at most _MOST_LEVELS.
         """
         if min(self._near.sum(), self._far.sum()) < _LEAST_PATCHES:
             return 0.0

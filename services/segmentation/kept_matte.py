@@ -15,7 +15,7 @@ from services.segmentation.joint import JointMatte
 from services.segmentation.silhouettes import GroupMatte
 
 _MOST_OF_DISK = 0.25
-"""Share of the free space that it may take: eight cameras need 75 MB in 320x240, 240 MB in 640x480."""
+"""Share of the free space that it may take: eight cameras need up to 100 MB in 320x240, 340 MB in 640x480."""
 
 
 def learnt_once(folder: Path, cameras: Sequence[Camera], learn: Callable[[], GroupMatte]) -> GroupMatte:

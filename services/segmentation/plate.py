@@ -104,7 +104,9 @@ class Plate:
         )
 
     def with_noise(self, levels: float) -> "Plate":
-        """The plate with further noise of a deviation per channel, whose channels are as alike as before."""
+        """The plate with more noise. levels: its deviation in each channel; correlations stay as they are."""
+        if levels == 0:
+            return self
         growth = 1 + np.float32(levels**2) / self.noise2
         slack = growth * self.slack / (1 + (growth - 1) * self.slack)
         return replace(

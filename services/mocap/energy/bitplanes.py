@@ -90,6 +90,17 @@ class TriPlanes:
     def __getitem__(self, frames: int | Ints) -> "TriPlanes":
         return TriPlanes(self.silhouettes[frames], self.unsure[frames])
 
+    def doubting_empty(self, n_cameras: int) -> "TriPlanes":
+        """The same frame (P, H, W), in which a camera that shows nobody is all unsure if two others show
+        somebody: the actor is out of its sight, or its silhouettes failed."""
+        shown = np.bitwise_or.reduce(self.silhouettes, axis=(1, 2))
+        is_empty = np.array([not camera_bit(shown, c) for c in range(n_cameras)])
+        if not is_empty.any() or n_cameras - is_empty.sum() < 2:
+            return self
+        shape_px = self.silhouettes.shape[1:]
+        doubted = pack(np.broadcast_to(is_empty[:, None, None], (n_cameras, *shape_px)))
+        return replace(self, unsure=self.unsure | doubted)
+
     @property
     def possible(self) -> Bytes:
         """What may be actor."""

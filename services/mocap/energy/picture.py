@@ -85,15 +85,8 @@ class Picture:
 
     @classmethod
     def of_frame(cls, rig: Rig, seen: TriPlanes) -> "Picture":
-        """All that is seen (P, H, W) in one frame, with its colour classes.
-
-        Where several cameras show somebody, nothing counts of a camera that shows nobody: the actor is out of
-        its sight, or it failed.
-        """
-        picture = replace(cls.whole(rig, seen.silhouettes, seen.unsure), classes=seen.classes)
-        shown = np.bitwise_or.reduce(seen.possible, axis=(1, 2))
-        empty = [c for c in range(rig.n_cameras) if not camera_bit(shown, c)]
-        return picture.without_cameras(empty) if rig.n_cameras - len(empty) > 1 else picture
+        """All that is seen (P, H, W) in one frame, with its colour classes."""
+        return replace(cls.whole(rig, seen.silhouettes, seen.unsure), classes=seen.classes)
 
     @classmethod
     def of_region(

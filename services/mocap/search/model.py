@@ -43,7 +43,9 @@ class Model:
     def without_cameras(
         self, seen: TriPlanes, absent: Collection[int], settings: SearchSettings
     ) -> tuple[Picture, SearchSettings]:
-        """A frame (P, H, W), and the settings for it, in which absent cameras count for nothing."""
+        """A frame (P, H, W), and the settings for it, in which cameras that are absent, or show nobody while
+        others do, count for nothing."""
+        seen = seen.doubting_empty(self.rig.n_cameras)
         picture = Picture.of_frame(self.rig, seen).without_cameras(absent)
         return picture, settings.without_cameras(absent, self.rig.n_cameras)
 

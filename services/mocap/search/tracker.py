@@ -182,7 +182,8 @@ def aligned_ahead(
         frame, seen, known = one
         if known is None:
             return frame, None
-        return frame, align_alone(copy, Picture.of_frame(model.rig, seen), known, settings)
+        picture, _ = copy.without_cameras(seen, (), settings)
+        return frame, align_alone(copy, picture, known, settings)
 
     return model.copies.each(aligned, frames)
 

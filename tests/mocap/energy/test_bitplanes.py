@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from services.mocap.energy.bitplanes import camera_bit, count_bits, n_planes, pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, camera_bit, count_bits, n_planes, pack, unpack
 from services.mocap.types import Mask
 
 masks = st.tuples(st.integers(1, 20), st.integers(1, 9), st.integers(1, 9)).flatmap(
@@ -28,3 +28,21 @@ def test_round_trip(stack: Mask) -> None:
 @pytest.mark.parametrize(("cameras", "planes"), [(1, 1), (8, 1), (9, 2), (16, 2), (17, 3)])
 def test_eight_cameras_a_plane(cameras: int, planes: int) -> None:
     assert n_planes(cameras) == planes
+
+
+@pytest.mark.parametrize("n_cameras", [3, 8, 11])
+@pytest.mark.parametrize("n_empty", [0, 1, 2, 3])
+def test_a_camera_that_shows_nobody_is_unsure_where_two_others_show_somebody(
+    n_cameras: int, n_empty: int
+) -> None:
+    rng = np.random.default_rng(n_cameras)
+    silhouettes, unsure = rng.random((2, n_cameras, 5, 7)) < 0.4
+    silhouettes[:n_empty] = False
+    silhouettes &= ~unsure
+    seen = TriPlanes(pack(silhouettes), pack(unsure))
+    doubting = seen.doubting_empty(n_cameras)
+    np.testing.assert_array_equal(doubting.silhouettes, seen.silhouettes)
+    if n_cameras - n_empty >= 2:
+        unsure[:n_empty] = True
+    np.testing.assert_array_equal(unpack(doubting.unsure, n_cameras), unsure)
+    assert doubting is seen or n_empty

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
+from services.mocap.energy.bitplanes import pack, unpack
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Mask
 
@@ -38,21 +38,6 @@ def test_nothing_counts_of_cameras_that_are_left_out() -> None:
     assert picture.without_cameras(()) is picture
     np.testing.assert_array_equal(_ignored(picture.without_cameras((1,)))[[0, 2]], _ignored(picture)[[0, 2]])
     assert _ignored(picture.without_cameras((1,)))[1].all()
-
-
-@pytest.mark.parametrize("n_empty", range(4))
-@pytest.mark.parametrize("rest", ["silhouettes", "unsure"])
-def test_a_camera_that_shows_nobody_counts_for_nothing_where_several_show_somebody(
-    n_empty: int, rest: str
-) -> None:
-    masks = _masks(0)
-    masks[:n_empty] = False
-    planes, nothing = pack(masks), pack(np.zeros_like(masks))
-    seen = TriPlanes.sure(planes) if rest == "silhouettes" else TriPlanes(nothing, planes)
-    picture, whole = Picture.of_frame(RIG, seen), Picture.whole(RIG, seen.silhouettes, seen.unsure)
-    left_out = range(n_empty) if n_empty < 2 else ()
-    np.testing.assert_array_equal(picture.ignored, whole.without_cameras(left_out).ignored)
-    np.testing.assert_array_equal(picture.silhouettes, whole.silhouettes)
 
 
 def test_another_shape_is_refused() -> None:
