@@ -21,13 +21,14 @@ _NEAR_PX, _FAR_PX = (3, 16), 48
 """Errors are measured between 3 and 16 pixels from such patches, since a codec's blocks have up to 16, and
 compared with those farther away than 48."""
 _FARTHEST_LEVELS, _BINS = 16.0, 160
+"""Range and number of the bins in which patches are counted; those farther off are in the last."""
 _QUANTILE = 0.75
 """Of the patches; what is left of the actor among the near ones is above it."""
 _LEAST_PATCHES = 500
 _USUAL_LEVELS = 0.8
 """Deviation that near patches have even in good recordings, because the actor's outline is blurred."""
 _MOST_LEVELS = 5.0
-"""More would take clothes like the wall for errors."""
+"""With more, clothes in about the wall's colour would be taken for the wall."""
 
 
 class CodecErrors:
@@ -80,6 +81,5 @@ class CodecErrors:
 
 def _quantile(counts: Longs) -> float:
     """The level below which a share of _QUANTILE of the counted patches (_BINS,) is."""
-    return (
-        float(np.searchsorted(np.cumsum(counts), _QUANTILE * counts.sum()) + 0.5) * _FARTHEST_LEVELS / _BINS
-    )
+    bin_above = np.searchsorted(np.cumsum(counts), _QUANTILE * counts.sum())
+    return float((bin_above + 0.5) * _FARTHEST_LEVELS / _BINS)

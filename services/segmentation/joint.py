@@ -69,7 +69,7 @@ class JointMatte:
         self._cameras = list(cameras)
         self._compared = [Comparison(plate) for plate in plates]
         self._errors = [CodecErrors(plate) for plate in plates]
-        self._learnt = [Learnt(compared) for compared in self._compared]
+        self._learnt = [Learnt(plate.shape) for plate in plates]
         self._lenses = Lenses.of(cameras)
         self._has_others = len(cameras) > 1
         self._floor: Floor | None = None
@@ -152,7 +152,7 @@ class JointMatte:
         self.conclude()
         if any(moved.any() for moved in self.moved):
             for c, learnt in enumerate(self._learnt):
-                self._learnt[c] = Learnt(self._compared[c], learnt.moved)
+                self._learnt[c] = Learnt(self._compared[c].plate.shape, learnt.moved)
             for images in moments():
                 self.learn(images)
             self.conclude()
@@ -160,13 +160,13 @@ class JointMatte:
     def conclude(self) -> None:
         """Use what was learnt from now on."""
         of_all = ActorColours(np.sum([learnt.colours.counts for learnt in self._learnt], axis=0))
-        shapes_px = [compared.plate.shape for compared in self._compared]
+        plates = [compared.plate for compared in self._compared]
         if self._objects is None:
-            objects = [np.zeros(shape, bool) for shape in shapes_px]
+            objects = [np.zeros(plate.shape, bool) for plate in plates]
         else:
-            objects = self._objects.masks(shapes_px)
-        for learnt, of_camera in zip(self._learnt, objects, strict=True):
-            learnt.conclude(of_all, of_camera)
+            objects = self._objects.masks([plate.shape for plate in plates])
+        for learnt, plate, of_camera in zip(self._learnt, plates, objects, strict=True):
+            learnt.conclude(plate, of_all, of_camera)
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
         """Find the height of the floor from the shadows in pictures of some moments."""

@@ -101,9 +101,9 @@ class LiveLearner:
         if self._shots % every:
             return
         self._learnt += 1
-        self._matte.allow_for_errors([images_bgr])
         self._matte.learn(images_bgr)
         if self._learnt % _LIVE_CONCLUSIONS == 0 or self._learnt == 1:
+            self._matte.allow_for_errors([images_bgr])
             self._matte.conclude()
             moved = [mask & (c not in self._told) for c, mask in enumerate(self._matte.moved)]
             self._told.update(c for c, mask in enumerate(moved) if mask.any())

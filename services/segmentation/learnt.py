@@ -8,8 +8,8 @@ from scipy.ndimage import convolve1d
 
 from services.mocap.types import Bytes, Floats, Longs, Mask
 from services.segmentation.cleanup import drop_specks, drop_unconfirmed, opened
-from services.segmentation.comparison import Comparison
 from services.segmentation.pixels import Levels
+from services.segmentation.plate import Plate
 from services.segmentation.voxels import ALONE, CLASS_PRIOR, DEEP, MORE_MISS, N_CLASSES, NEAR
 
 BINS = 32
@@ -100,18 +100,17 @@ def _smoothed(counts: Floats) -> Floats:
 class Learnt:
     """What was learnt of one camera's pictures; `add` takes in, `conclude` makes it count."""
 
-    def __init__(self, compared: Comparison, moved: Mask | None = None) -> None:
-        """compared: of this camera. moved: (H, W) where an object is known to have been moved."""
-        self._compared, plate = compared, compared.plate
+    def __init__(self, shape_px: tuple[int, int], moved: Mask | None = None) -> None:
+        """shape_px: of a picture. moved: (H, W) where an object is known to have been moved."""
         self.colours = ActorColours()
         self._n_changed = np.zeros(N_CLASSES)
         """Number of certainly changed pixels, by the class from the other cameras."""
         self._n_same = np.zeros((N_CLASSES, BINS**3), np.int64)
         """Number of certainly unchanged pixels, by class and colour."""
-        self._changed, self._unsupported = np.zeros((2, *plate.shape), np.uint16)
+        self._changed, self._unsupported = np.zeros((2, *shape_px), np.uint16)
         """(H, W) number of moments in which a pixel had changed, and of those in which no other camera saw a
         change along its ray."""
-        self._expected, self._missed = np.zeros((2, *plate.shape), np.uint16)
+        self._expected, self._missed = np.zeros((2, *shape_px), np.uint16)
         """(H, W) number of moments in which nearly all other cameras see a change along a pixel's ray, and of
         those in which this one surely sees none."""
         self._moments = 0
@@ -119,9 +118,9 @@ class Learnt:
         """(BINS, BINS, BINS) see ActorColours.log_density."""
         self.class_prior = CLASS_PRIOR
         """(N_CLASSES,) logarithm of the odds of the actor, by what the other cameras say."""
-        self.moved: Mask = np.zeros(plate.shape, np.bool_) if moved is None else moved
+        self.moved: Mask = np.zeros(shape_px, np.bool_) if moved is None else moved
         """(H, W) where an object was added or removed after the plate was recorded."""
-        self.blind: Mask = np.zeros(plate.shape, np.bool_)
+        self.blind: Mask = np.zeros(shape_px, np.bool_)
         """(H, W) where something before the actor hides what the other cameras see."""
 
     def add(self, image_bgr: Bytes, classes: Bytes, changed: Mask, same: Mask) -> None:
@@ -146,10 +145,11 @@ class Learnt:
         sure = cv2.erode((changed & seen_by_others).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.colours.add(image_bgr[sure])
 
-    def conclude(self, of_all: ActorColours, objects: Mask) -> None:
+    def conclude(self, plate: Plate, of_all: ActorColours, objects: Mask) -> None:
         """Draw conclusions from what was taken in so far.
 
-        of_all: the colours of all cameras together. objects: where (H, W) all cameras see an object.
+        plate: of this camera. of_all: the colours of all cameras together. objects: where (H, W) all cameras
+        see an object.
 
         With n and n' the pixels of a class that changed and did not, p the usual share of the former and k
         the weight of that, the prior is log((n + k p) / (n' + k (1 - p))), within limits.
@@ -157,8 +157,7 @@ class Learnt:
         self.log_colours = self.colours.log_density(of_all)
         share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
         # Well within what the others see, a pixel as in the plate may be the actor's if it has such a colour.
-        of_plate = float(np.median(self._compared.plate.log_peak))
-        telling = self.log_colours.ravel() - of_plate < _TELLING_COLOUR
+        telling = self.log_colours.ravel() - float(np.median(plate.log_peak)) < _TELLING_COLOUR
         n_same = self._n_same.sum(axis=1)
         n_same[:NEAR] = self._n_same[:NEAR, telling].sum(axis=1)
         odds = (self._n_changed + _COUNTED_PIXELS * share) / (n_same + _COUNTED_PIXELS * (1.0 - share))

@@ -80,7 +80,7 @@ def solve_both_ways(
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         planes, chosen = of_frame
-        picture, _ = copy.without_cameras(planes, (), settings)
+        picture = model.picture_of(planes)
         solution = align_alone(copy, picture, chosen.pose, settings)
         if settings.search_limbs != "never" and not is_far(solution, planes):
             look_elsewhere(copy, picture, solution, settings)

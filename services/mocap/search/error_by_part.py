@@ -44,8 +44,8 @@ class ErrorByPart:
     part_px: dict[Part, int]
     """The same by the part that each pixel is nearest to; the sum is the total."""
     iou: list[float]
-    """Intersection over union of model and input in each camera; 1 if both are empty, 0 if the model covers
-    unsure pixels alone."""
+    """Intersection over union of model and input in each camera; 1 if both are empty, 0 if the model is
+    in a picture that is all unsure (TriPlanes.doubting_empty)."""
 
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
@@ -56,8 +56,11 @@ def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
     part_px = pixels_by_part(differing, model, pose)
     common = count_by_camera(covered & whole.silhouettes & counted, model.rig.n_cameras)
     either = common + count_by_camera(differing, model.rig.n_cameras)
-    hidden = 0 if whole.unsure is None else count_by_camera(covered & whole.unsure, model.rig.n_cameras)
-    iou = np.where(either > 0, common / np.maximum(either, 1), np.where(hidden, 0.0, 1.0))
+    iou = np.where(either > 0, common / np.maximum(either, 1), 1.0)
+    if whole.unsure is not None:
+        is_all_unsure = count_by_camera(whole.unsure, model.rig.n_cameras) == whole.unsure[0].size
+        drawn = count_by_camera(covered & ~whole.region.outside(model.rig), model.rig.n_cameras)
+        iou[is_all_unsure & (drawn > 0)] = 0.0
     return ErrorByPart(sum(part_px.values()), part_px, iou.tolist())
 
 

@@ -43,11 +43,13 @@ class Model:
     def without_cameras(
         self, seen: TriPlanes, absent: Collection[int], settings: SearchSettings
     ) -> tuple[Picture, SearchSettings]:
-        """A frame (P, H, W), and the settings for it, in which cameras that are absent, or show nobody while
-        others do, count for nothing."""
-        seen = seen.doubting_empty(self.rig.n_cameras)
-        picture = Picture.of_frame(self.rig, seen).without_cameras(absent)
+        """A frame (see picture_of), and the settings for it, in which absent cameras count for nothing."""
+        picture = self.picture_of(seen).without_cameras(absent)
         return picture, settings.without_cameras(absent, self.rig.n_cameras)
+
+    def picture_of(self, seen: TriPlanes) -> Picture:
+        """A frame (P, H, W) to track, in which cameras that show nobody while others do count for nothing."""
+        return Picture.of_frame(self.rig, seen.doubting_empty(self.rig.n_cameras))
 
     def counts_colours(self, picture: Picture, price: float) -> bool:
         """Whether pixels of a picture can have a wrong colour class that costs something."""

@@ -182,8 +182,7 @@ def aligned_ahead(
         frame, seen, known = one
         if known is None:
             return frame, None
-        picture, _ = copy.without_cameras(seen, (), settings)
-        return frame, align_alone(copy, picture, known, settings)
+        return frame, align_alone(copy, model.picture_of(seen), known, settings)
 
     return model.copies.each(aligned, frames)
 
