@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps
+from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack_trimaps
+from services.mocap.search.other_people import without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
-from services.mocap.types import ACTOR, BACKGROUND, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
 from services.runs.reporting import kept_warnings
 from services.segmentation.background import CameraBackground
 from services.segmentation.kept_trimaps import KeptTrimaps
@@ -78,10 +80,23 @@ class TakeSilhouettes:
 
 
 def seen_of(
-    take: Take, frames: Sequence[int], segmenter: Segmenter, progress: Callable[[float], None]
+    take: Take,
+    frames: Sequence[int],
+    segmenter: Segmenter,
+    progress: Callable[[float], None],
+    posed: tuple[Body, Floats] | None = None,
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
-    """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
+    """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends.
+
+    posed: the actor's body, and about its poses (F, D), where known: other people are then unsure.
+    """
     trimaps = trimaps_of(take, frames, segmenter, progress)
+    if posed is not None:
+        body, rig = posed[0], Rig.of(take.cameras)
+        for f, pose in enumerate(posed[1]):
+            trimaps[f] = unpack_trimaps(
+                without_others(body, rig, pack_trimaps(trimaps[f]), pose), rig.n_cameras
+            )
     names, first = take.camera_names, trimaps[0]
     look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:

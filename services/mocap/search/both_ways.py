@@ -7,6 +7,7 @@ tracks.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeAlias
 
 from services.mocap.body.skeleton import DOF_INDEX
@@ -19,6 +20,7 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import align_alone
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
+from services.mocap.search.other_people import without_others
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
@@ -60,9 +62,10 @@ def solve_both_ways(
     ahead, on several threads.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
+    seen_alone = partial(_alone, model, seen, forward)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
     yield Step("tracking back", last)
-    start = found_anew(model, settings, limbs, seen[last], forward[last])
+    start = found_anew(model, settings, limbs, seen_alone(last), forward[last])
     tracker = Tracker(model, settings, limbs, start[None])
     for frame in range(last, -1, -1):
         if frame != last:
@@ -70,7 +73,7 @@ def solve_both_ways(
         # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
         # search a limb: some frames are searched thoroughly.
         is_thorough = frame == last or frame % thorough_every == 0
-        planes, back = seen[frame], forward[frame]
+        planes, back = seen_alone(frame), forward[frame]
         if not is_thorough and tracker.expects(back):
             tracker.follow(back)
         else:
@@ -88,19 +91,23 @@ def solve_both_ways(
 
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
-    solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
+    solutions = model.copies.each(aligned, zip(map(seen_alone, range(len(best))), best, strict=True))
     trust, steady = PartConfidence(model.rig, settings.doubt_px), SteadyConfidence(fps)
     for frame, chosen in enumerate(best):
         yield Step("settling", frame)
         solution = next(solutions)
         trust.judge(solution)
         if solution.is_lost:
-            solution = unless_far(solution, chosen.pose, seen[frame])
+            solution = unless_far(solution, chosen.pose, seen_alone(frame))
         doubt_rivals(solution, chosen)
         for final in steady.add(solution):
             yield Step("settling", *final)
     for final in steady.rest():
         yield Step("settling", *final)
+
+
+def _alone(model: Model, seen: SilhouetteSpool, poses: Floats, frame: int) -> TriPlanes:
+    return without_others(model.body, model.rig, seen[frame], poses[frame])
 
 
 def found_anew(

@@ -12,11 +12,10 @@ from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
-from services.mocap.energy.snapping import SUBPIXEL, project_snapped
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.hull import MIN_CAMERAS, cube_about, looked_at
 from services.mocap.search.model import Model
-from services.mocap.search.occlusion import disc, large_pieces
+from services.mocap.search.occlusion import disc, large_pieces, points_drawn
 from services.mocap.types import Floats, Mask
 
 _REACH_M = 1.2
@@ -72,18 +71,7 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
     may_be_actor = on_piece.any(axis=0) & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
     for allowed in range(rig.n_cameras // 2 + 1):
         limbs = may_be_actor & (n_missed <= allowed)
-        drawn = [_drawn(rig, c, points_world_m[limbs & in_picture[c]]) for c in range(rig.n_cameras)]
+        drawn = points_drawn(rig, points_world_m, limbs & in_picture, _AROUND_PX)
         if np.count_nonzero(pieces & drawn) >= _EXPLAINED * np.count_nonzero(pieces):
-            hidden = [_drawn(rig, c, points_world_m[limbs & missed[c]]) for c in range(rig.n_cameras)]
-            return np.array(hidden)
+            return points_drawn(rig, points_world_m, limbs & missed, _AROUND_PX)
     return np.zeros_like(possible)
-
-
-def _drawn(rig: Rig, camera: int, points_world_m: Floats) -> Mask:
-    """The pixels (H, W) on and around points (N, 3) in a camera's picture."""
-    picture = np.zeros(rig.shape_px, np.uint8)
-    steps, _ = project_snapped(points_world_m, rig.P_px_world[camera])
-    columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
-    width, height = rig.sizes_px[camera]
-    picture[rows.clip(0, height - 1), columns.clip(0, width - 1)] = 1  # snapping may cross the border
-    return np.asarray(cv2.dilate(picture, disc(_AROUND_PX, rig, camera)) > 0)

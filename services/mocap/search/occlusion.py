@@ -14,6 +14,7 @@ from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
+from services.mocap.energy.snapping import SUBPIXEL, project_snapped
 from services.mocap.search.model import Model
 from services.mocap.search.whole_objects import whole_object
 from services.mocap.types import Bytes, Floats, Mask
@@ -103,3 +104,15 @@ def disc(radius_px: float, rig: Rig, camera: int) -> Bytes:
     """A round kernel for a camera's picture; its radius is given for pictures 320 wide."""
     size = 1 + 2 * max(1, round(radius_px * rig.scales[camera]))
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+
+
+def points_drawn(rig: Rig, points_world_m: Floats, drawn: Mask, radius_px: float) -> Mask:
+    """(C, H, W) pixels of each camera's picture around those of the points (N, 3) that are drawn (C, N) there
+    and lie in it; the radius is given for pictures 320 wide."""
+    picture = np.zeros((rig.n_cameras, *rig.shape_px), np.uint8)
+    for c, (width, height) in enumerate(rig.sizes_px.tolist()):
+        steps, _ = project_snapped(points_world_m[drawn[c]], rig.P_px_world[c])
+        columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        picture[c, rows[inside], columns[inside]] = 1
+    return widened(picture, radius_px, rig)

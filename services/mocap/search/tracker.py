@@ -57,6 +57,11 @@ class Tracker:
         """Whether the actor was not found in the last frame."""
         return self._lost_frames > 0
 
+    @property
+    def expected(self) -> Floats:
+        """(D,) where the last poses lead to."""
+        return np.asarray(extrapolated(self._poses[-2:])[-1])
+
     def memory(self) -> dict[str, list[int]]:
         """Its state, besides the last two poses."""
         known = [len(self._poses), self._lost_frames, self._tries, self._wait]
