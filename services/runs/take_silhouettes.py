@@ -11,7 +11,7 @@ from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack_trimaps
-from services.mocap.search.other_people import without_others
+from services.mocap.search.other_people import near_to, without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
@@ -91,21 +91,32 @@ def seen_of(
     posed: the actor's body, and about its poses (F, D), where known: other people are then unsure.
     """
     trimaps = trimaps_of(take, frames, segmenter, progress)
+    rig = Rig.of(take.cameras)
     if posed is not None:
-        body, rig = posed[0], Rig.of(take.cameras)
         for f, pose in enumerate(posed[1]):
-            trimaps[f] = unpack_trimaps(
-                without_others(body, rig, pack_trimaps(trimaps[f]), pose), rig.n_cameras
-            )
+            seen = without_others(posed[0], rig, pack_trimaps(trimaps[f]), pose)
+            trimaps[f] = unpack_trimaps(seen, rig.n_cameras)
     names, first = take.camera_names, trimaps[0]
-    look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
+    look = look_first(rig, first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:
         log.warning("%s", remark)
+    if look.actor_world_m is not None:
+        trimaps = _alone(rig, trimaps, look.actor_world_m)
     chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
     cut = trimaps[:, chosen, :height_px, :width_px]
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
+
+
+def _alone(rig: Rig, trimaps: Trimap, actor_world_m: Floats) -> Trimap:
+    """Successive silhouettes (F, C, H, W), in which people other than the actor are unsure, who is about
+    points (N, 3) in the first of them."""
+    alone = np.empty_like(trimaps)
+    for f, of_frame in enumerate(trimaps):
+        seen, actor_world_m = near_to(actor_world_m, rig, pack_trimaps(of_frame))
+        alone[f] = unpack_trimaps(seen, rig.n_cameras)
+    return alone
 
 
 def trimaps_of(

@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, nearest_to_rays_m
 from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
@@ -53,6 +53,13 @@ class Rig:
     def scale(self) -> float:
         """Pixels of the widest camera per working pixel."""
         return self.shape_px[1] / WORKING_WIDTH_PX
+
+    @property
+    def middle_world_m(self) -> Floats:
+        """(3,) the point that all cameras look at, as nearly as possible."""
+        M, p = self.P_px_world[:, :, :3], self.P_px_world[:, :, 3]
+        axes = M[:, 2] / np.linalg.norm(M[:, 2], axis=1, keepdims=True)
+        return nearest_to_rays_m(np.asarray(-np.linalg.solve(M, p[..., None])[..., 0], np.float64), axes)
 
     def to_json(self) -> str:
         """The rig as JSON text, for the wire."""

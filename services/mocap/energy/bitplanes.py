@@ -101,6 +101,10 @@ class TriPlanes:
         doubted = pack(np.broadcast_to(is_empty[:, None, None], (n_cameras, *shape_px)))
         return replace(self, unsure=self.unsure | doubted)
 
+    def doubting(self, doubted: Bytes) -> "TriPlanes":
+        """The same frame (P, H, W), in which further pixels (P, H, W) are unsure."""
+        return replace(self, silhouettes=self.silhouettes & ~doubted, unsure=self.unsure | doubted)
+
     @property
     def possible(self) -> Bytes:
         """What may be actor."""

@@ -59,9 +59,9 @@ class Agreement:
     """Cameras that disagree with all others."""
     filled: float
     """The share of the other cameras' silhouettes that their hull covers, on average."""
-    person_shares: Floats
-    """(K,) share of the silhouettes that each piece of the hull which may be a person covers alone, in
-    descending order."""
+    people: tuple[tuple[float, Floats], ...]
+    """The share of the silhouettes that each piece of the hull which may be a person covers alone, in
+    descending order, and its points (N, 3)."""
     suspects: tuple[int, ...] = ()
     """If none is odd: cameras of which one is probably wrong, because without any one of them the others
     meet."""
@@ -105,7 +105,7 @@ def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possib
             best, suspects = choices[0], ()
         elif n_odd == 1 and not is_cut:
             suspects = _suspects(choices)
-    return Agreement(cameras, best.odd, best.filled, space.person_shares(best.kept), suspects)
+    return Agreement(cameras, best.odd, best.filled, space.people(best.kept), suspects)
 
 
 def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask) -> Floats:
@@ -184,11 +184,16 @@ class _Space:
 
     def is_cut(self, cameras: tuple[int, ...]) -> bool:
         """Whether the hull of some cameras is in several pieces that count."""
-        return bool(self._piece_shares(cameras, self._pieces(cameras))[1:].sum() > _CUT_SHARE)
+        shares = np.sort(self._piece_shares(cameras, self._pieces(cameras)))[::-1]
+        return bool(shares[1:].sum() > _CUT_SHARE)
 
-    def person_shares(self, cameras: tuple[int, ...]) -> Floats:
-        """As _piece_shares, of the pieces that may be a person each: those one above the other are one."""
-        return self._piece_shares(cameras, stacked(self._points_m, self._pieces(cameras)))
+    def people(self, cameras: tuple[int, ...]) -> tuple[tuple[float, Floats], ...]:
+        """The shares (_piece_shares) and the points (N, 3) of the pieces that may be a person each: those one
+        above the other are one. The largest share comes first."""
+        pieces = stacked(self._points_m, self._pieces(cameras))
+        shares = self._piece_shares(cameras, pieces)
+        order = np.argsort(-shares, kind="stable")  # a large piece of possible pixels may cover nothing
+        return tuple((float(shares[n]), self._points_m[pieces == 1 + n]) for n in order)
 
     def _pieces(self, cameras: tuple[int, ...]) -> Ints:
         return pieces_of(self._inside(cameras, most_missed(len(cameras))), bridged=True)
@@ -206,8 +211,7 @@ class _Space:
             drawn = [self.views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
             once = np.sum(drawn, axis=0) == 1
             shares[:, k] = [self.views[c].share(piece & once) for piece in drawn]
-        upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
-        return np.sort(upper_half)[::-1]  # a large piece of possible actor pixels may cover nothing
+        return np.asarray(np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1))
 
     def _inside(self, cameras: tuple[int, ...], n_missed: int = 0) -> Mask:
         """The hull (N,) of some cameras, of which n_missed may miss a point."""

@@ -115,8 +115,11 @@ def found_anew(
 ) -> Floats:
     """Search the pose (D,) of a frame with silhouettes `seen` (P, H, W) like a first pose, with the heading
     of a known pose; returns the known pose if no whole person is visible."""
-    hull, picture = whole_person(model, seen), Picture.of_frame(model.rig, seen)
-    if hull is None:
+    found = whole_person(model, seen, pose)
+    if found is None:
         return pose
+    hull, alone = found
     facing_rad = float(pose[DOF_INDEX["root_heading"]])
-    return find_first_pose(model, picture, hull, limbs, settings, facing_rad).solution.pose
+    return find_first_pose(
+        model, Picture.of_frame(model.rig, alone), hull, limbs, settings, facing_rad
+    ).solution.pose

@@ -21,6 +21,7 @@ from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.line import minimise_line
 from services.mocap.search.model import Model, model_of
+from services.mocap.search.other_people import without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.single_person import check_alone
@@ -84,9 +85,10 @@ class FirstFrameSearch:
         fitted_pose: (D,), where it was found along with the actor; then nothing is searched far and wide.
         Raises TakeError where nobody is to be seen, or the silhouettes make no sense (look_first).
         """
-        picture, n_cameras = Picture.of_frame(self.rig, seen), self.rig.n_cameras
+        n_cameras = self.rig.n_cameras
         if actor is not None and fitted_pose is not None:
             model = self._model_of(actor)
+            picture = Picture.of_frame(self.rig, without_others(model.body, self.rig, seen, fitted_pose))
             limbs = self.pool(model, actor)
             solution = solve_frame(model, picture, fitted_pose[None], self.settings, limbs)
             return FirstFrame(actor, model, FirstPose(solution))
@@ -94,6 +96,7 @@ class FirstFrameSearch:
         look = look_first(self.rig, masks, self.names, possible)
         for remark in look.remarks:
             log.warning("%s", remark)
+        picture = Picture.of_frame(self.rig, look.alone(seen))
         believing = replace(self, settings=self.settings.without_cameras(look.left_out, n_cameras))
         hull = carve(self.rig, look.believed(masks), look.possible)
         guess = believing.guess(hull, picture, actor)

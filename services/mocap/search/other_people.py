@@ -4,10 +4,8 @@ It is never background, because another person may hide the actor.
 """
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
@@ -22,7 +20,9 @@ from services.mocap.types import Floats, Mask
 _NEAR_M = 0.45
 """The actor is this near to the joints of the expected pose: hands reach 0.2 m beyond wrists, and move up to
 0.3 m between frames."""
-_VOXEL_M = 0.05
+_AROUND_M = 0.75
+"""So far around them it is looked for others."""
+_VOXEL_M = 0.06
 _AROUND_PX = 6
 """In pictures 320 wide, around points of the hull: more than their distance, to keep the actor's rim."""
 _MUCH = 0.1
@@ -36,30 +36,48 @@ joints: otherwise the actor has moved on, and is what is seen elsewhere."""
 def without_others(
     body: Body, rig: Rig, seen: TriPlanes, pose: Floats, absent: Collection[int] = ()
 ) -> TriPlanes:
-    """A frame (P, H, W) in which pixels that show other people are unsure; pose (D,): about the actor's.
+    """A frame (P, H, W) in which pixels that show other people are unsure.
 
-    absent: cameras that are not used. The frame is returned as it is unless two cameras see much that cannot
-    be the actor, who is where the pose says.
+    pose (D,): about the actor's. absent: cameras that are not used. The frame is returned as it is unless two
+    cameras see much that cannot be the actor, who is where the pose says.
     """
     joints_world_m = joint_positions(pose[None], body.offsets_m)[0]
-    boxes = [_box(rig, c, joints_world_m) for c in range(rig.n_cameras)]
+    return near_to(joints_world_m, rig, seen, absent)[0]
+
+
+def near_to(
+    actor_world_m: Floats, rig: Rig, seen: TriPlanes, absent: Collection[int] = ()
+) -> tuple[TriPlanes, Floats]:
+    """As without_others, for an actor who is about points (N, 3); also returns points (M, 3) of the actor's
+    hull, or the same points if the frame shows nobody else."""
+    unchanged = seen, actor_world_m
     cameras = [c for c in range(rig.n_cameras) if c not in absent]
-    if sum(_shows_much_else(camera_bit(seen.silhouettes, c), boxes[c]) for c in cameras) < MIN_CAMERAS:
-        return seen
+    boxes = [_box(rig, c, actor_world_m) for c in cameras]
+    pairs = zip(cameras, boxes, strict=True)
+    if sum(_shows_much_else(camera_bit(seen.silhouettes, c), box) for c, box in pairs) < MIN_CAMERAS:
+        return unchanged
     possible = unpack(seen.possible, rig.n_cameras)
     looking = [c for c in cameras if possible[c].any()]
-    points_world_m, away_m = _grid_about(joints_world_m)
-    is_inside = away_m < _NEAR_M
-    looks = looked_at(rig, possible, looking, points_world_m[is_inside])
-    is_inside[is_inside] = in_hull(*looks, most_missed(len(looking)))
-    pieces, _ = ndimage.label(is_inside)
-    of_actor = np.isin(pieces, np.unique(pieces[is_inside & (away_m < _THERE_M)]))
-    hull_m = points_world_m[of_actor & is_inside]
-    if not len(hull_m) or np.mean(cKDTree(hull_m).query(joints_world_m)[0] < _THERE_M) < _MOSTLY:
-        return seen
-    actor = points_drawn(rig, hull_m, np.ones((rig.n_cameras, len(hull_m)), bool), _AROUND_PX)
-    others = seen.silhouettes & ~pack(actor)
-    return replace(seen, silhouettes=seen.silhouettes & ~others, unsure=seen.unsure | others)
+    points_world_m, away_m = _grid_about(actor_world_m)
+    is_inside = in_hull(*looked_at(rig, possible, looking, points_world_m), most_missed(len(looking)))
+    points_world_m, away_m = points_world_m[is_inside], away_m[is_inside]
+    is_near = away_m < _NEAR_M
+    if not is_near.any():
+        return unchanged
+    of_actor = is_near.copy()
+    if not is_near.all():  # the nearer somebody else comes, the less of what is between is the actor's
+        apart_m, _ = cKDTree(points_world_m[~is_near]).query(points_world_m[is_near])
+        of_actor[is_near] = away_m[is_near] - _THERE_M < apart_m
+    hull_m = points_world_m[of_actor]
+    if np.mean(cKDTree(hull_m).query(actor_world_m)[0] < _THERE_M) < _MOSTLY:
+        return unchanged
+    actor = drawn_hull(rig, hull_m) & ~drawn_hull(rig, points_world_m[~of_actor])
+    return seen.doubting(seen.silhouettes & ~pack(actor)), hull_m
+
+
+def drawn_hull(rig: Rig, hull_m: Floats) -> Mask:
+    """(C, H, W) pixels of what is on and around points (N, 3) of a hull."""
+    return points_drawn(rig, hull_m, np.ones((rig.n_cameras, len(hull_m)), bool), _AROUND_PX)
 
 
 def _box(rig: Rig, camera: int, points_world_m: Floats) -> tuple[slice, slice]:
@@ -77,11 +95,11 @@ def _shows_much_else(silhouette: Mask, box: tuple[slice, slice]) -> bool:
     return bool(np.count_nonzero(silhouette) - near_px > _MUCH * near_px > 0)
 
 
-def _grid_about(joints_world_m: Floats) -> tuple[Floats, Floats]:
-    """The points (X, Y, Z, 3) of a grid around joints (J, 3), and the distance (X, Y, Z) of each from the
-    nearest joint."""
-    low, high = joints_world_m.min(axis=0) - _NEAR_M, joints_world_m.max(axis=0) + _NEAR_M
+def _grid_about(actor_world_m: Floats) -> tuple[Floats, Floats]:
+    """The points (M, 3) of a grid that are _AROUND_M or less from points (N, 3), and their distances (M,)."""
+    low, high = actor_world_m.min(axis=0) - _AROUND_M, actor_world_m.max(axis=0) + _AROUND_M
     axes = [np.arange(a, b, _VOXEL_M) for a, b in zip(low, high, strict=True)]
-    points_world_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    distances_m, _ = cKDTree(joints_world_m).query(points_world_m)
-    return points_world_m, np.asarray(distances_m)
+    points_world_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    away_m, _ = cKDTree(actor_world_m).query(points_world_m, distance_upper_bound=_AROUND_M)
+    is_about = np.isfinite(away_m)
+    return points_world_m[is_about], away_m[is_about]

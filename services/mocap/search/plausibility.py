@@ -1,15 +1,17 @@
 """Checks whether the first frame's silhouettes can be tracked, before any search."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes, pack
 from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
+from services.mocap.search.other_people import drawn_hull
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Ints, Mask
 
@@ -27,6 +29,14 @@ _SPECK_SHARE = 0.05
 _SECOND_SHARE = 0.12
 """Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
 almost nothing."""
+_CLEARLY_NEARER_M = 0.4
+"""Of two people, the actor is nearer to the middle by more than this."""
+_TWO = (
+    "silhouettes: two people, or the actor and something large, are visible in the first frame: the one at "
+    "x {:.1f} m, y {:.1f} m, in the middle of what the cameras look at, is taken for the actor; the other "
+    "counts for nothing: if that is wrong, choose a first frame without the other one, or mask it out"
+)
+"""The message, with x, y and z of the actor's middle."""
 _ALONG = 0.9
 """Cosine of the angle between the axes of cameras that look along one line, as far as is known."""
 _LEFT_OUT = ": it is left out of the search for the first pose"
@@ -42,24 +52,38 @@ class FirstLook:
     """A sentence for each of them, and for problems that do not prevent tracking."""
     possible: Mask = field(compare=False)
     """(C, H, W) what may be actor: besides what was told as such, what something before the actor hides."""
+    actor_world_m: Floats | None = field(default=None, compare=False)
+    """(N, 3) points of the hull of the actor, one of two people; None where there is nobody else."""
+    others: Mask | None = field(default=None, compare=False)
+    """(C, H, W) what shows the other people."""
 
     def believed(self, silhouettes: Mask) -> Mask:
         """A copy of silhouettes (C, H, W) with those left out empty, so that they do not carve the hull."""
-        believed = silhouettes.copy()
+        believed = silhouettes.copy() if self.others is None else silhouettes & ~self.others
         believed[list(self.left_out)] = False
         return believed
 
+    def alone(self, seen: TriPlanes) -> TriPlanes:
+        """The frame (P, H, W), in which what shows other people is unsure."""
+        return seen if self.others is None else seen.doubting(pack(self.others))
+
 
 def look_first(
-    rig: Rig, silhouettes: Mask, names: Sequence[str] = (), possible: Mask | None = None
+    rig: Rig,
+    silhouettes: Mask,
+    names: Sequence[str] = (),
+    possible: Mask | None = None,
+    near_world_m: Floats | None = None,
 ) -> FirstLook:
     """Check the silhouettes (C, H, W) of the first frame, before searching a pose.
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
-    silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. Raises
-    NotInViewError if nobody is visible or most cameras cut the actor off, and TakeError if more than one
-    person is visible or the silhouettes do not meet in space. A camera that is empty, full or disagrees with
-    the others is left out, as long as at least two cameras remain, or three to decide that one disagrees.
+    silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. near_world_m:
+    (2,) about where the actor is on the floor; by default in the middle of what the cameras look at. Of two
+    people the one clearly nearer to it is the actor. Raises NotInViewError if nobody is visible or most
+    cameras cut the actor off, and TakeError if it is not clear which of two people is the actor, or the
+    silhouettes do not meet in space. A camera that is empty, full or disagrees with the others is left out,
+    as long as at least two cameras remain, or three to decide that one disagrees.
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
@@ -72,8 +96,14 @@ def look_first(
     _check_counts(empty, full, usable, unsure, names)
     unsure_shares = UnsureShares(silhouettes, possible, names)
     with unsure_shares.blamed_first():
-        _check_cut_off(rig, silhouettes, possible, usable, names)
         agreement, cut = find_agreement(rig, silhouettes, usable, possible), tuple[int, ...]()
+        actor_world_m = _actor_of_two(rig, agreement, near_world_m)
+        if actor_world_m is not None:
+            others = silhouettes & ~drawn_hull(rig, actor_world_m)
+            look = look_first(rig, silhouettes & ~others, names, possible)
+            two = _TWO.format(*np.median(actor_world_m, axis=0))
+            return replace(look, remarks=(two, *look.remarks), actor_world_m=actor_world_m, others=others)
+        _check_cut_off(rig, silhouettes, possible, usable, names)
         if _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
             bridged = _bridged(silhouettes, possible, parted)
             again = find_agreement(rig, silhouettes, usable, bridged)
@@ -208,13 +238,26 @@ def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
         )
     if _shows_two(agreement):
         raise TakeError(
-            "silhouettes: two people, or the actor and something large, are visible in the first frame: "
-            "expected the actor alone: choose a first frame without the other one, or mask it out"
+            "silhouettes: two people, or the actor and something large, are visible in the first frame, and "
+            "which of them is the actor is not clear: choose a first frame without the other one, or mask it "
+            "out"
         )
 
 
 def _shows_two(agreement: Agreement) -> bool:
-    return len(agreement.person_shares) > 1 and bool(agreement.person_shares[1] > _SECOND_SHARE)
+    return len(agreement.people) > 1 and agreement.people[1][0] > _SECOND_SHARE
+
+
+def _actor_of_two(rig: Rig, agreement: Agreement, near_world_m: Floats | None) -> Floats | None:
+    """Points (N, 3) of the hull of the actor, one of several people; None if there is one person only, or
+    another one is about as near to where the actor should be."""
+    people_m = [points_m for share, points_m in agreement.people if share > _SECOND_SHARE]
+    if len(people_m) < 2 or not agreement.agree:
+        return None
+    near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
+    away_m = np.array([np.linalg.norm(np.median(points_m[:, :2], axis=0) - near_m) for points_m in people_m])
+    nearest, second = np.argsort(away_m)[:2]
+    return people_m[nearest] if away_m[second] > away_m[nearest] + _CLEARLY_NEARER_M else None
 
 
 def _parted(rig: Rig, silhouettes: Mask, usable: tuple[int, ...]) -> tuple[int, ...]:

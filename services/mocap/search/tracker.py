@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
-from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.best_path import apart_m
 from services.mocap.search.chains import HEAD
@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 
 _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
+_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
 _EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
@@ -126,7 +127,7 @@ class Tracker:
                     "view"
                 )
             # An actor who returns may have turned round, which continuing the old pose would not detect.
-            again = self._find_again(picture, seen, settings, at_once=not is_lost)
+            again = self._find_again(seen, absent, settings, at_once=not is_lost)
             if again is None and is_lost:
                 return self._kept(solution, seen)
             log.info("the actor was found again after %d frames", self._lost_frames)
@@ -157,15 +158,17 @@ class Tracker:
         return kept
 
     def _find_again(
-        self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool
+        self, seen: TriPlanes, absent: Collection[int], settings: SearchSettings, *, at_once: bool
     ) -> FrameSolution | None:
         """A first pose of this frame if a whole person is visible; at_once: without the growing pauses."""
         if self._wait and not at_once:
             self._wait -= 1
             return None
-        hull = whole_person(self._model, seen)
-        if hull is None:
+        found = whole_person(self._model, seen, self._poses[-1])
+        if found is None:
             return None
+        hull, alone = found
+        picture, _ = self._model.without_cameras(alone, absent, settings)
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)
         first = find_first_pose(self._model, picture, hull, self._limbs, settings)
@@ -206,13 +209,14 @@ def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameS
     return replace(solution, pose=pose.copy(), distrusted=list(PARTS), confidence=nothing)
 
 
-def whole_person(model: Model, seen: TriPlanes) -> Hull | None:
-    """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen."""
+def whole_person(model: Model, seen: TriPlanes, pose: Floats) -> tuple[Hull, TriPlanes] | None:
+    """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen, and
+    the silhouettes of that person alone; of two people, the one nearer to a pose (D,)."""
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
-        look = look_first(rig, masks, possible=possible)
+        look = look_first(rig, masks, possible=possible, near_world_m=pose[_PLACE])
         hull = carve(rig, look.believed(masks), look.possible)
-    except TakeError:  # nobody, more than one person, or a person at the pictures' edges: quick to detect
+    except TakeError:  # nobody, several people, or a person at the pictures' edges: quick to detect
         return None
-    return hull if hull.suits(model.body.height_m) else None
+    return (hull, look.alone(seen)) if hull.suits(model.body.height_m) else None

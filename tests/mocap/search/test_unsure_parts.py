@@ -117,7 +117,7 @@ def test_what_may_be_the_actor_touches_what_is() -> None:
 
 def two_people(silhouettes_of: Callable[[Floats], Bytes], standing: Maker) -> Mask:
     left, right = standing(shoulder_elevation=-80), standing(shoulder_elevation=-80)
-    left[0], right[0] = -0.5, 0.9
+    left[0], right[0] = -0.7, 0.7
     return unpack(silhouettes_of(left) | silhouettes_of(right), 8)
 
 
