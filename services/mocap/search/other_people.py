@@ -13,24 +13,25 @@ from services.mocap.body.kinematics import joint_positions
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
 from services.mocap.energy.snapping import SUBPIXEL, project_snapped
-from services.mocap.search.hull import MIN_CAMERAS, in_hull, looked_at, most_missed
+from services.mocap.search.hull import MIN_CAMERAS, cube_about, in_hull, looked_at, most_missed
 from services.mocap.search.occlusion import points_drawn
 from services.mocap.types import Floats, Mask
 
 _NEAR_M = 0.45
 """The actor is this near to the joints of the expected pose: hands reach 0.2 m beyond wrists, and move up to
 0.3 m between frames."""
-_AROUND_M = 0.75
-"""So far around them it is looked for others."""
+_AROUND_M = 1.8
+"""Half the side of the cube in which others are looked for."""
 _VOXEL_M = 0.06
-_AROUND_PX = 6
-"""In pictures 320 wide, around points of the hull: more than their distance, to keep the actor's rim."""
+_ON_PX, _AROUND_PX = 3, 6
+"""In pictures 320 wide: around points of a hull, to fill what is between them; and to keep its rim, too."""
 _MUCH = 0.1
 """Share of the silhouette near the expected pose: where two cameras see more elsewhere, there is somebody
 else."""
 _THERE_M, _MOSTLY = 0.2, 0.8
-"""A piece of the hull is the actor's if a joint is so near; and so near to these must be this share of the
-joints: otherwise the actor has moved on, and is what is seen elsewhere."""
+"""What is so near to a joint, and what is not nearer to others than to what is so near, is the actor's; so
+near to it must be this share of the joints: otherwise the actor has moved on, and is what is seen
+elsewhere."""
 
 
 def without_others(
@@ -58,26 +59,29 @@ def near_to(
         return unchanged
     possible = unpack(seen.possible, rig.n_cameras)
     looking = [c for c in cameras if possible[c].any()]
-    points_world_m, away_m = _grid_about(actor_world_m)
+    points_world_m = cube_about(
+        (actor_world_m.min(axis=0) + actor_world_m.max(axis=0)) / 2, _AROUND_M, _VOXEL_M
+    )
     is_inside = in_hull(*looked_at(rig, possible, looking, points_world_m), most_missed(len(looking)))
-    points_world_m, away_m = points_world_m[is_inside], away_m[is_inside]
+    points_world_m = points_world_m[is_inside]
+    away_m, _ = cKDTree(actor_world_m).query(points_world_m)
     is_near = away_m < _NEAR_M
     if not is_near.any():
         return unchanged
     of_actor = is_near.copy()
     if not is_near.all():  # the nearer somebody else comes, the less of what is between is the actor's
         apart_m, _ = cKDTree(points_world_m[~is_near]).query(points_world_m[is_near])
-        of_actor[is_near] = away_m[is_near] - _THERE_M < apart_m
+        of_actor[is_near] = away_m[is_near] < apart_m + _THERE_M
     hull_m = points_world_m[of_actor]
     if np.mean(cKDTree(hull_m).query(actor_world_m)[0] < _THERE_M) < _MOSTLY:
         return unchanged
-    actor = drawn_hull(rig, hull_m) & ~drawn_hull(rig, points_world_m[~of_actor])
+    actor = drawn_hull(rig, hull_m) & ~drawn_hull(rig, points_world_m[~of_actor], _ON_PX)
     return seen.doubting(seen.silhouettes & ~pack(actor)), hull_m
 
 
-def drawn_hull(rig: Rig, hull_m: Floats) -> Mask:
-    """(C, H, W) pixels of what is on and around points (N, 3) of a hull."""
-    return points_drawn(rig, hull_m, np.ones((rig.n_cameras, len(hull_m)), bool), _AROUND_PX)
+def drawn_hull(rig: Rig, hull_m: Floats, radius_px: float = _AROUND_PX) -> Mask:
+    """(C, H, W) pixels on and around points (N, 3) of a hull; the radius is given for pictures 320 wide."""
+    return points_drawn(rig, hull_m, np.ones((rig.n_cameras, len(hull_m)), bool), radius_px)
 
 
 def _box(rig: Rig, camera: int, points_world_m: Floats) -> tuple[slice, slice]:
@@ -93,13 +97,3 @@ def _shows_much_else(silhouette: Mask, box: tuple[slice, slice]) -> bool:
     """Whether a silhouette (H, W) has many pixels outside a box."""
     near_px = np.count_nonzero(silhouette[box])
     return bool(np.count_nonzero(silhouette) - near_px > _MUCH * near_px > 0)
-
-
-def _grid_about(actor_world_m: Floats) -> tuple[Floats, Floats]:
-    """The points (M, 3) of a grid that are _AROUND_M or less from points (N, 3), and their distances (M,)."""
-    low, high = actor_world_m.min(axis=0) - _AROUND_M, actor_world_m.max(axis=0) + _AROUND_M
-    axes = [np.arange(a, b, _VOXEL_M) for a, b in zip(low, high, strict=True)]
-    points_world_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    away_m, _ = cKDTree(actor_world_m).query(points_world_m, distance_upper_bound=_AROUND_M)
-    is_about = np.isfinite(away_m)
-    return points_world_m[is_about], away_m[is_about]

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, pack
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
-from services.mocap.search.other_people import drawn_hull
+from services.mocap.search.other_people import near_to
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Ints, Mask
 
@@ -29,8 +29,9 @@ _SPECK_SHARE = 0.05
 _SECOND_SHARE = 0.12
 """Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
 almost nothing."""
-_CLEARLY_NEARER_M = 0.4
-"""Of two people, the actor is nearer to the middle by more than this."""
+_CLEARLY_NEARER_M, _PIECES_WITHIN_M = 0.4, 0.6
+"""Of two people, the actor is nearer to the middle by more than this; pieces of one person that something
+hides in part are so near to each other."""
 _TWO = (
     "silhouettes: two people, or the actor and something large, are visible in the first frame: the one at "
     "x {:.1f} m, y {:.1f} m, in the middle of what the cameras look at, is taken for the actor; the other "
@@ -97,9 +98,8 @@ def look_first(
     unsure_shares = UnsureShares(silhouettes, possible, names)
     with unsure_shares.blamed_first():
         agreement, cut = find_agreement(rig, silhouettes, usable, possible), tuple[int, ...]()
-        actor_world_m = _actor_of_two(rig, agreement, near_world_m)
-        if actor_world_m is not None:
-            others = silhouettes & ~drawn_hull(rig, actor_world_m)
+        if (found := _actor_of_two(rig, silhouettes, possible, agreement, near_world_m)) is not None:
+            others, actor_world_m = found
             look = look_first(rig, silhouettes & ~others, names, possible)
             two = _TWO.format(*np.median(actor_world_m, axis=0))
             return replace(look, remarks=(two, *look.remarks), actor_world_m=actor_world_m, others=others)
@@ -248,16 +248,26 @@ def _shows_two(agreement: Agreement) -> bool:
     return len(agreement.people) > 1 and agreement.people[1][0] > _SECOND_SHARE
 
 
-def _actor_of_two(rig: Rig, agreement: Agreement, near_world_m: Floats | None) -> Floats | None:
-    """Points (N, 3) of the hull of the actor, one of several people; None if there is one person only, or
-    another one is about as near to where the actor should be."""
+def _actor_of_two(
+    rig: Rig, silhouettes: Mask, possible: Mask, agreement: Agreement, near_world_m: Floats | None
+) -> tuple[Mask, Floats] | None:
+    """What shows other people (C, H, W), and points (N, 3) of the hull of the actor, who is clearly nearer
+    than they are to where the actor should be; None if there is one person only, or it is not clear who."""
     people_m = [points_m for share, points_m in agreement.people if share > _SECOND_SHARE]
     if len(people_m) < 2 or not agreement.agree:
         return None
     near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
-    away_m = np.array([np.linalg.norm(np.median(points_m[:, :2], axis=0) - near_m) for points_m in people_m])
-    nearest, second = np.argsort(away_m)[:2]
-    return people_m[nearest] if away_m[second] > away_m[nearest] + _CLEARLY_NEARER_M else None
+    middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
+    away_m = np.linalg.norm(middles_m - near_m, axis=1)
+    actor, second = np.argsort(away_m)[:2]
+    apart_m = np.linalg.norm(np.delete(middles_m, actor, axis=0) - middles_m[actor], axis=1)
+    if away_m[second] < away_m[actor] + _CLEARLY_NEARER_M or apart_m.min() < _PIECES_WITHIN_M:
+        return None
+    alone, actor_world_m = near_to(
+        people_m[actor], rig, TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))
+    )
+    others = silhouettes & ~unpack(alone.silhouettes, rig.n_cameras)
+    return (others, actor_world_m) if others.sum() > _SPECK_SHARE * silhouettes.sum() else None
 
 
 def _parted(rig: Rig, silhouettes: Mask, usable: tuple[int, ...]) -> tuple[int, ...]:

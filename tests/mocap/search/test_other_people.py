@@ -1,0 +1,151 @@
+"""Other people in view count for nothing: they are neither the actor nor background."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
+from services.mocap.errors import TakeError
+from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import Model
+from services.mocap.search.other_people import without_others
+from services.mocap.search.plausibility import look_first
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.tracker import Tracker, whole_person
+from services.mocap.types import Bytes, Floats
+
+Poser = Callable[..., Floats]
+Silhouettes = Callable[[Floats], Bytes]
+ARMS_DOWN = {"shoulder_elevation": -70.0}
+
+
+def somebody_at(standing: Poser, x_m: float, y_m: float, **degrees: float) -> Floats:
+    pose = standing(**ARMS_DOWN, **degrees)
+    pose[:2] = x_m, y_m
+    return pose
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    elevation=st.floats(-85, 60),
+    stride=st.floats(-40, 40),
+    off_m=st.tuples(*[st.floats(-0.15, 0.15)] * 3),
+    turn=st.floats(-30, 30),
+)
+def test_an_actor_alone_stays_as_seen(
+    model: Model,
+    standing: Poser,
+    silhouettes_of: Silhouettes,
+    elevation: float,
+    stride: float,
+    off_m: tuple[float, float, float],
+    turn: float,
+) -> None:
+    pose = standing(shoulder_elevation=elevation, left_hip_flexion=stride, right_hip_flexion=-stride)
+    expected = standing(shoulder_elevation=elevation + turn, root_heading=turn)
+    expected[:3] += off_m
+    seen = TriPlanes.sure(silhouettes_of(pose))
+    assert without_others(model.body, model.rig, seen, expected) is seen
+
+
+@pytest.mark.parametrize("cameras", [range(8), range(0, 8, 2)])
+@pytest.mark.parametrize(("x_m", "y_m"), [(0.9, 0.0), (1.1, -0.6), (-1.2, 0.9), (1.8, 1.5)])
+def test_who_stands_beside_the_actor_is_unsure(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, x_m: float, y_m: float, cameras: range
+) -> None:
+    actor, other = somebody_at(standing, 0.0, 0.0), somebody_at(standing, x_m, y_m, root_heading=70)
+    rig = Rig(model.rig.P_px_world[cameras], model.rig.sizes_px[cameras])
+    own, others = (unpack(silhouettes_of(pose), 8)[cameras] for pose in (actor, other))
+    seen, expected = TriPlanes.sure(pack(own | others)), actor.copy()
+    expected[:2] += 0.08
+    alone = without_others(model.body, rig, seen, expected)
+    np.testing.assert_array_equal(alone.possible, seen.silhouettes)  # nothing becomes background
+    sure = unpack(alone.silhouettes, rig.n_cameras)
+    assert (sure & ~own).sum() < 0.06 * (others & ~own).sum()
+    apart = [c for c in range(rig.n_cameras) if not (own[c] & others[c]).any()]
+    assert (sure & own)[apart].sum() > (0.9 if len(cameras) == 8 else 0.5) * own[apart].sum()
+
+
+def test_an_actor_who_has_moved_on_is_nobody_else(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    seen = TriPlanes.sure(silhouettes_of(somebody_at(standing, 1.0, 0.8)))
+    assert without_others(model.body, model.rig, seen, somebody_at(standing, -0.6, 0.0)) is seen
+
+
+def test_a_camera_that_is_absent_tells_nothing(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    actor = somebody_at(standing, 0.0, 0.0)
+    own, others = silhouettes_of(actor), silhouettes_of(somebody_at(standing, 1.2, 0.9))
+    absent = np.uint8(0b1111_0000)
+    seen = TriPlanes.sure((own | others) & ~absent)
+    alone = without_others(model.body, model.rig, seen, actor, range(4, 8))
+    assert not (alone.possible & absent).any()
+    assert np.count_nonzero(camera_bit(alone.unsure, 0)) > 500
+
+
+def test_an_actor_is_followed_past_somebody_else(
+    model: Model,
+    standing: Poser,
+    silhouettes_of: Silhouettes,
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    def walked(frame: int) -> Floats:
+        return somebody_at(standing, -0.5 + 0.12 * frame, 0.0, root_heading=90)
+
+    others = silhouettes_of(somebody_at(standing, 0.1, 0.8))
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), walked(0)[None])
+    for frame in range(10):
+        seen = TriPlanes.sure(silhouettes_of(walked(frame)) | others)
+        alone = without_others(model.body, model.rig, seen, tracker.expected)
+        found = tracker.solve(alone)
+        assert not found.is_lost
+        assert joint_errors_mm(found.pose, walked(frame)).mean() < 15
+
+
+def test_of_two_people_the_one_in_the_middle_is_the_actor(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    middle, aside = somebody_at(standing, 0.2, 0.1), somebody_at(standing, 1.3, 0.6)
+    own, others = (unpack(silhouettes_of(pose), 8) for pose in (middle, aside))
+    look = look_first(model.rig, own | others)
+    assert look.remarks[0].startswith(
+        "silhouettes: two people, or the actor and something large, are visible"
+    )
+    assert "x 0.2 m, y 0.1 m" in look.remarks[0]
+    believed = look.believed(own | others)
+    assert (believed & ~own).sum() < 0.05 * (others & ~own).sum()
+    assert (believed & own).sum() > 0.7 * own.sum()  # what others may hide is unsure
+    seen = TriPlanes.sure(pack(own | others))
+    np.testing.assert_array_equal(unpack(look.alone(seen).silhouettes, 8), believed)
+    np.testing.assert_array_equal(look.alone(seen).possible, seen.silhouettes)
+
+
+@pytest.mark.parametrize("who", [0, 1])
+def test_a_lost_actor_is_whoever_is_nearer_to_the_last_pose(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, who: int
+) -> None:
+    two = [somebody_at(standing, -0.8, 0.0), somebody_at(standing, 0.7, 0.2)]
+    seen = TriPlanes.sure(silhouettes_of(two[0]) | silhouettes_of(two[1]))
+    last = two[who].copy()
+    last[:2] += 0.2
+    found = whole_person(model, seen, last)
+    assert found is not None
+    hull, alone = found
+    np.testing.assert_allclose(hull.axis_world_m, two[who][:2], atol=0.1)
+    own = silhouettes_of(two[who])
+    assert np.count_nonzero(alone.silhouettes & ~own) < 0.05 * np.count_nonzero(seen.silhouettes & ~own)
+
+
+def test_two_people_equally_near_are_refused(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    ends = somebody_at(standing, -0.6, 0.3), somebody_at(standing, 0.6, -0.3, root_heading=90)
+    two = silhouettes_of(ends[0]) | silhouettes_of(ends[1])
+    with pytest.raises(TakeError, match="which of them is the actor is not clear"):
+        look_first(model.rig, unpack(two, 8))
