@@ -14,7 +14,6 @@ from services.mocap.search.both_ways import Step
 from services.mocap.search.fixed_lag import FixedLag, Tracked
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import without_others
 from services.mocap.search.settings import SearchSettings
 
 
@@ -31,7 +30,6 @@ class LiveSettling:
     ) -> None:
         """first_frame: the number of the first frame. publish: takes a frame's number, the frame and its
         final solution."""
-        self._model = model
         self._lag = FixedLag(model, settings, limbs, first_frame)
         self._limbs, self._publish = limbs, publish
         self._frames = deque[Frame]()
@@ -46,8 +44,7 @@ class LiveSettling:
         Where newer frames leave too little time to settle it, older ones are published as they are.
         """
         self._frames.append(frame)
-        seen = without_others(self._model.body, self._model.rig, frame.seen, solution.pose, frame.absent)
-        self._lag.note(Tracked(seen, frame.absent, frame.time_s, solution, memory))
+        self._lag.note(Tracked(frame.seen, frame.absent, frame.time_s, solution, memory))
         if self._lag.is_late:
             self._steps = iter(())
             for step in self._lag.catch_up():

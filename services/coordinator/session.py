@@ -31,7 +31,6 @@ from services.mocap.energy.engine import Engine
 from services.mocap.errors import UserError
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.other_people import without_others
 from services.mocap.search.tracker import aligned_ahead
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Floats
@@ -177,8 +176,7 @@ class Session:
                 frame = self._frames.next()
                 if frame is None:
                     return
-                known = plan.known_poses.get(number)
-                yield frame, frame.seen if known is None else _alone(frame, known, tracking), known
+                yield frame, frame.seen, plan.known_poses.get(number)
 
         if self._settling is not None and plan.known_poses:
             return aligned_ahead(tracking.model, plan.settings, frames())
@@ -192,8 +190,7 @@ class Session:
         was_lost = tracker.is_lost
         with self._overhead.fitting():
             known = self._plan.known_poses.get(number)
-            seen = _alone(frame, tracker.expected if known is None else known, tracking)
-            solution = tracker.solve(seen, frame.absent, known, aligned=aligned, hurried=frame.is_late)
+            solution = tracker.solve(frame.seen, frame.absent, known, aligned=aligned, hurried=frame.is_late)
         if was_lost and not tracker.is_lost:
             self._incoming.catch_up()
         solution.seconds["overhead"] = self._overhead.end_frame()
@@ -244,8 +241,3 @@ class Session:
             await_confirmation(self._board, self._solved_end, self._look)
         self._board.publish_end()
         log.info("end: %s", self._board.counts())
-
-
-def _alone(frame: Frame, pose: Floats, tracking: Tracking) -> TriPlanes:
-    """What a frame shows (P, H, W) without people other than the actor, whose pose is about this one (D,)."""
-    return without_others(tracking.model.body, tracking.model.rig, frame.seen, pose, frame.absent)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
@@ -123,7 +123,7 @@ def _look(
         take, found, segmenter, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
     )
     frames, known = found.tracked.frames[rows].tolist(), segmenter.knowing(occluded)
-    posed = build_body(found.actor), found.tracked.poses[rows]
+    posed = found.actor, found.tracked.poses[rows]
     cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share), posed)
     return occluded, colours, cameras, seen
 
@@ -145,7 +145,7 @@ def fit_other_way_round(
     frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
     actor = found.actor.model_copy(update={"colours": {}})  # which were learnt from the wrong side
     with kept_warnings() as warnings:
-        posed = build_body(actor), poses
+        posed = actor, poses
         cameras, seen = seen_of(take, frames, silhouettes.segmenter, lambda _: None, posed)
         rig = Rig.of(cameras)
         with model_on_cpu(actor, rig) as model:
@@ -173,7 +173,7 @@ def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Tak
     clearly elsewhere."""
     rows = least_doubtful_rows(found.distrusted, PLACING_FRAMES)
     poses = found.tracked.poses[rows]
-    posed = build_body(found.actor), poses
+    posed = found.actor, poses
     cameras, seen = seen_of(take, found.tracked.frames[rows].tolist(), segmenter, lambda _: None, posed)
     there = placed(cameras, seen, found.actor, poses)
     return take if there is cameras else moved_take(take, there)

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import Body
+from services.mocap.body.actor import Actor
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack_trimaps
-from services.mocap.search.other_people import near_to, without_others
-from services.mocap.search.plausibility import look_first
+from services.mocap.search.model import model_on_cpu
+from services.mocap.search.other_people import told_apart, without_others
+from services.mocap.search.plausibility import TwoPeople, look_first
+from services.mocap.search.tracker import FLOOR_PLACE
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
@@ -84,24 +86,29 @@ def seen_of(
     frames: Sequence[int],
     segmenter: Segmenter,
     progress: Callable[[float], None],
-    posed: tuple[Body, Floats] | None = None,
+    posed: tuple[Actor, Floats] | None = None,
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
     """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends.
 
-    posed: the actor's body, and about its poses (F, D), where known: other people are then unsure.
+    posed: the actor and about the poses (F, D), where known. Other people are unsure, who are told apart by
+    them, or else from the first frame on, one by one.
     """
     trimaps = trimaps_of(take, frames, segmenter, progress)
     rig = Rig.of(take.cameras)
+    near_m = None
     if posed is not None:
-        for f, pose in enumerate(posed[1]):
-            seen = without_others(posed[0], rig, pack_trimaps(trimaps[f]), pose)
-            trimaps[f] = unpack_trimaps(seen, rig.n_cameras)
+        actor, poses = posed
+        near_m = poses[0, FLOOR_PLACE]
+        with model_on_cpu(actor, rig) as model:
+            for f, pose in enumerate(poses):
+                seen = without_others(model, pack_trimaps(trimaps[f]), pose)
+                trimaps[f] = unpack_trimaps(seen, rig.n_cameras)
     names, first = take.camera_names, trimaps[0]
-    look = look_first(rig, first == ACTOR, names, first != BACKGROUND)
+    look = look_first(rig, first == ACTOR, names, first != BACKGROUND, near_m)
     for remark in look.remarks:
         log.warning("%s", remark)
-    if look.actor_world_m is not None:
-        trimaps = _alone(rig, trimaps, look.actor_world_m)
+    if look.two is not None and posed is None:
+        trimaps = _of_actor(rig, trimaps, look.two)
     chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -109,12 +116,11 @@ def seen_of(
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
 
 
-def _alone(rig: Rig, trimaps: Trimap, actor_world_m: Floats) -> Trimap:
-    """Successive silhouettes (F, C, H, W), in which people other than the actor are unsure, who is about
-    points (N, 3) in the first of them."""
-    alone = np.empty_like(trimaps)
+def _of_actor(rig: Rig, trimaps: Trimap, two: TwoPeople) -> Trimap:
+    """Successive silhouettes (F, C, H, W), in which others than the actor of the first frame are unsure."""
+    actor_m, others_m, alone = two.actor_world_m, two.others_world_m, np.empty_like(trimaps)
     for f, of_frame in enumerate(trimaps):
-        seen, actor_world_m = near_to(actor_world_m, rig, pack_trimaps(of_frame))
+        seen, actor_m, others_m = told_apart(rig, pack_trimaps(of_frame), actor_m, others_m)
         alone[f] = unpack_trimaps(seen, rig.n_cameras)
     return alone
 

@@ -99,7 +99,7 @@ class TriPlanes:
             return self
         shape_px = self.silhouettes.shape[1:]
         doubted = pack(np.broadcast_to(is_empty[:, None, None], (n_cameras, *shape_px)))
-        return replace(self, unsure=self.unsure | doubted)
+        return self.doubting(doubted)
 
     def doubting(self, doubted: Bytes) -> "TriPlanes":
         """The same frame (P, H, W), in which further pixels (P, H, W) are unsure."""

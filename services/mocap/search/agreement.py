@@ -184,8 +184,8 @@ class _Space:
 
     def is_cut(self, cameras: tuple[int, ...]) -> bool:
         """Whether the hull of some cameras is in several pieces that count."""
-        shares = np.sort(self._piece_shares(cameras, self._pieces(cameras)))[::-1]
-        return bool(shares[1:].sum() > _CUT_SHARE)
+        shares = self._piece_shares(cameras, self._pieces(cameras))
+        return bool(shares.sum() - shares.max(initial=0.0) > _CUT_SHARE)
 
     def people(self, cameras: tuple[int, ...]) -> tuple[tuple[float, Floats], ...]:
         """The shares (_piece_shares) and the points (N, 3) of the pieces that may be a person each: those one

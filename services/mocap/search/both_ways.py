@@ -7,8 +7,9 @@ tracks.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, TypeAlias
+
+import numpy as np
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
@@ -62,10 +63,9 @@ def solve_both_ways(
     ahead, on several threads.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
-    seen_alone = partial(_alone, model, seen, forward)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
     yield Step("tracking back", last)
-    start = found_anew(model, settings, limbs, seen_alone(last), forward[last])
+    start = found_anew(model, settings, limbs, seen[last], forward[last])
     tracker = Tracker(model, settings, limbs, start[None])
     for frame in range(last, -1, -1):
         if frame != last:
@@ -73,16 +73,16 @@ def solve_both_ways(
         # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
         # search a limb: some frames are searched thoroughly.
         is_thorough = frame == last or frame % thorough_every == 0
-        planes, back = seen_alone(frame), forward[frame]
+        planes, back = seen[frame], forward[frame]
         if not is_thorough and tracker.expects(back):
             tracker.follow(back)
         else:
             back = tracker.solve(planes, other=back, thorough=is_thorough).pose
-        path.add(planes, forward[frame], back)
+        path.add(_without_others(model, planes, forward[frame], back), forward[frame], back)
     best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
-        planes, chosen = of_frame
+        planes, chosen = without_others(copy, of_frame[0], of_frame[1].pose), of_frame[1]
         picture = model.picture_of(planes)
         solution = align_alone(copy, picture, chosen.pose, settings)
         if settings.search_limbs != "never" and not is_far(solution, planes):
@@ -91,14 +91,15 @@ def solve_both_ways(
 
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
-    solutions = model.copies.each(aligned, zip(map(seen_alone, range(len(best))), best, strict=True))
+    solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
     trust, steady = PartConfidence(model.rig, settings.doubt_px), SteadyConfidence(fps)
     for frame, chosen in enumerate(best):
         yield Step("settling", frame)
         solution = next(solutions)
         trust.judge(solution)
         if solution.is_lost:
-            solution = unless_far(solution, chosen.pose, seen_alone(frame))
+            planes = without_others(model, seen[frame], chosen.pose)
+            solution = unless_far(solution, chosen.pose, planes)
         doubt_rivals(solution, chosen)
         for final in steady.add(solution):
             yield Step("settling", *final)
@@ -106,8 +107,12 @@ def solve_both_ways(
         yield Step("settling", *final)
 
 
-def _alone(model: Model, seen: SilhouetteSpool, poses: Floats, frame: int) -> TriPlanes:
-    return without_others(model.body, model.rig, seen[frame], poses[frame])
+def _without_others(model: Model, seen: TriPlanes, one: Floats, other: Floats) -> TriPlanes:
+    """A frame (P, H, W) in which what shows other people is unsure, by both of two poses (D,)."""
+    by_one = without_others(model, seen, one)
+    if by_one is seen or np.array_equal(one, other):
+        return by_one
+    return seen.doubting(by_one.unsure & without_others(model, seen, other).unsure)
 
 
 def found_anew(

@@ -1,6 +1,7 @@
-"""Tells the actor from other people in view: what stands apart from where the actor can be is unsure.
+"""Tells the actor from other people in view: what shows them, or may show either, is unsure.
 
-It is never background, because another person may hide the actor.
+It is never background, because others may hide the actor. Space is shared out between the actor and others by
+the visual hull, and by where the actor is expected.
 """
 
 from collections.abc import Collection
@@ -8,92 +9,113 @@ from collections.abc import Collection
 import numpy as np
 from scipy.spatial import cKDTree
 
-from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
 from services.mocap.energy.snapping import SUBPIXEL, project_snapped
 from services.mocap.search.hull import MIN_CAMERAS, cube_about, in_hull, looked_at, most_missed
+from services.mocap.search.model import Model
 from services.mocap.search.occlusion import points_drawn
 from services.mocap.types import Floats, Mask
 
 _NEAR_M = 0.45
 """The actor is this near to the joints of the expected pose: hands reach 0.2 m beyond wrists, and move up to
 0.3 m between frames."""
-_AROUND_M = 1.8
-"""Half the side of the cube in which others are looked for."""
-_VOXEL_M = 0.06
-_ON_PX, _AROUND_PX = 3, 6
-"""In pictures 320 wide: around points of a hull, to fill what is between them; and to keep its rim, too."""
+_SURELY_M = 0.2
+"""A part of the body is this near to a joint; what is so near to an expected joint is the actor's, whoever
+else is near."""
+_MOSTLY = 0.8
+"""Share of the expected joints that must be near to the hull: otherwise the actor has moved on, and is what
+is seen elsewhere."""
 _MUCH = 0.1
 """Share of the silhouette near the expected pose: where two cameras see more elsewhere, there is somebody
 else."""
-_THERE_M, _MOSTLY = 0.2, 0.8
-"""What is so near to a joint, and what is not nearer to others than to what is so near, is the actor's; so
-near to it must be this share of the joints: otherwise the actor has moved on, and is what is seen
-elsewhere."""
+_AROUND_M, _VOXEL_M = 1.8, 0.06
+"""Half the side of the cube in which others are looked for, and the distance of its points."""
+_MANY_CAMERAS = 5
+"""With so many, one more may miss a point that is surely the actor's: furniture may hide it there."""
+_ON_PX, _AROUND_PX = 3, 6
+"""In pictures 320 wide: around points of a hull, to fill what is between them; and to keep its rim, too."""
 
 
-def without_others(
-    body: Body, rig: Rig, seen: TriPlanes, pose: Floats, absent: Collection[int] = ()
-) -> TriPlanes:
+def without_others(model: Model, seen: TriPlanes, pose: Floats, absent: Collection[int] = ()) -> TriPlanes:
     """A frame (P, H, W) in which pixels that show other people are unsure.
 
     pose (D,): about the actor's. absent: cameras that are not used. The frame is returned as it is unless two
     cameras see much that cannot be the actor, who is where the pose says.
     """
-    joints_world_m = joint_positions(pose[None], body.offsets_m)[0]
-    return near_to(joints_world_m, rig, seen, absent)[0]
-
-
-def near_to(
-    actor_world_m: Floats, rig: Rig, seen: TriPlanes, absent: Collection[int] = ()
-) -> tuple[TriPlanes, Floats]:
-    """As without_others, for an actor who is about points (N, 3); also returns points (M, 3) of the actor's
-    hull, or the same points if the frame shows nobody else."""
-    unchanged = seen, actor_world_m
+    rig, joints_world_m = model.rig, joint_positions(pose[None], model.body.offsets_m)[0]
     cameras = [c for c in range(rig.n_cameras) if c not in absent]
-    boxes = [_box(rig, c, actor_world_m) for c in cameras]
-    pairs = zip(cameras, boxes, strict=True)
-    if sum(_shows_much_else(camera_bit(seen.silhouettes, c), box) for c, box in pairs) < MIN_CAMERAS:
-        return unchanged
-    possible = unpack(seen.possible, rig.n_cameras)
-    looking = [c for c in cameras if possible[c].any()]
-    points_world_m = cube_about(
-        (actor_world_m.min(axis=0) + actor_world_m.max(axis=0)) / 2, _AROUND_M, _VOXEL_M
-    )
-    is_inside = in_hull(*looked_at(rig, possible, looking, points_world_m), most_missed(len(looking)))
-    points_world_m = points_world_m[is_inside]
-    away_m, _ = cKDTree(actor_world_m).query(points_world_m)
-    is_near = away_m < _NEAR_M
-    if not is_near.any():
-        return unchanged
-    of_actor = is_near.copy()
-    if not is_near.all():  # the nearer somebody else comes, the less of what is between is the actor's
-        apart_m, _ = cKDTree(points_world_m[~is_near]).query(points_world_m[is_near])
-        of_actor[is_near] = away_m[is_near] < apart_m + _THERE_M
-    hull_m = points_world_m[of_actor]
-    if np.mean(cKDTree(hull_m).query(actor_world_m)[0] < _THERE_M) < _MOSTLY:
-        return unchanged
-    actor = drawn_hull(rig, hull_m) & ~drawn_hull(rig, points_world_m[~of_actor], _ON_PX)
-    return seen.doubting(seen.silhouettes & ~pack(actor)), hull_m
+    if sum(_shows_much_else(rig, c, seen, joints_world_m) for c in cameras) < MIN_CAMERAS:
+        return seen
+    points_world_m, in_picture, is_missed = _hull(rig, seen, joints_world_m, absent)
+    away_m, _ = cKDTree(joints_world_m).query(points_world_m)
+    is_near, kept = away_m < _NEAR_M, (away_m < _SURELY_M) | ~is_missed
+    others_m = points_world_m[~is_near & kept]
+    of_actor = is_near & kept
+    if len(others_m):
+        apart_m, _ = cKDTree(others_m).query(points_world_m)
+        of_actor &= away_m < apart_m + _SURELY_M
+    is_there = cKDTree(points_world_m[of_actor]).query(joints_world_m)[0] < _SURELY_M
+    if is_there.mean() < _MOSTLY:
+        return seen
+    return _doubting_others(rig, seen, points_world_m, in_picture & kept, of_actor)
 
 
-def drawn_hull(rig: Rig, hull_m: Floats, radius_px: float = _AROUND_PX) -> Mask:
-    """(C, H, W) pixels on and around points (N, 3) of a hull; the radius is given for pictures 320 wide."""
-    return points_drawn(rig, hull_m, np.ones((rig.n_cameras, len(hull_m)), bool), radius_px)
+def told_apart(
+    rig: Rig, seen: TriPlanes, actor_world_m: Floats, others_world_m: Floats, absent: Collection[int] = ()
+) -> tuple[TriPlanes, Floats, Floats]:
+    """A frame as by without_others, by points of the hulls of the actor (N, 3) and of others (M, 3) a moment
+    before; also returns such points of this frame.
+
+    It is returned as it is, with the same points, if the actor or the others are not near to where they were.
+    """
+    points_world_m, in_picture, is_missed = _hull(rig, seen, actor_world_m, absent)
+    to_actor_m, to_others_m = (cKDTree(m).query(points_world_m)[0] for m in (actor_world_m, others_world_m))
+    of_actor = ~is_missed & (to_actor_m < to_others_m)
+    of_others = ~is_missed & ~of_actor
+    if not (of_actor.any() and of_others.any()):
+        return seen, actor_world_m, others_world_m
+    alone = _doubting_others(rig, seen, points_world_m, in_picture & ~is_missed, of_actor)
+    return alone, points_world_m[of_actor], points_world_m[of_others]
 
 
-def _box(rig: Rig, camera: int, points_world_m: Floats) -> tuple[slice, slice]:
-    """The part of a picture, as rows and columns, in which all that is near to points (N, 3) is seen."""
-    steps, depths_m = project_snapped(points_world_m, rig.P_px_world[camera])
+def _shows_much_else(rig: Rig, camera: int, seen: TriPlanes, joints_world_m: Floats) -> bool:
+    """Whether a camera shows much outside the rectangle around all that is near to joints (J, 3)."""
+    steps, depths_m = project_snapped(joints_world_m, rig.P_px_world[camera])
     reach_px = _NEAR_M * np.linalg.norm(rig.P_px_world[camera, 0, :3]) / np.maximum(depths_m, _NEAR_M)
-    low = np.floor((steps / SUBPIXEL - reach_px[:, None]).min(axis=0)).clip(0).astype(int)
-    high = np.ceil((steps / SUBPIXEL + reach_px[:, None]).max(axis=0)).clip(0).astype(int)
-    return slice(int(low[1]), int(high[1]) + 1), slice(int(low[0]), int(high[0]) + 1)
+    left, top = np.floor((steps / SUBPIXEL - reach_px[:, None]).min(axis=0)).clip(0).astype(int)
+    right, bottom = np.ceil((steps / SUBPIXEL + reach_px[:, None]).max(axis=0)).clip(0).astype(int)
+    silhouette = camera_bit(seen.silhouettes, camera)
+    near_px = np.count_nonzero(silhouette[top : bottom + 1, left : right + 1])
+    return bool(near_px > 0 and np.count_nonzero(silhouette) > (1 + _MUCH) * near_px)
 
 
-def _shows_much_else(silhouette: Mask, box: tuple[slice, slice]) -> bool:
-    """Whether a silhouette (H, W) has many pixels outside a box."""
-    near_px = np.count_nonzero(silhouette[box])
-    return bool(np.count_nonzero(silhouette) - near_px > _MUCH * near_px > 0)
+def _hull(
+    rig: Rig, seen: TriPlanes, about_world_m: Floats, absent: Collection[int]
+) -> tuple[Floats, Mask, Mask]:
+    """Points (N, 3) of the visual hull in a cube about points (M, 3), in which cameras' pictures they are
+    (C, N), and which of them (N,) one camera more misses than may miss a point."""
+    possible = unpack(seen.possible, rig.n_cameras)
+    looking = [c for c in range(rig.n_cameras) if c not in absent and possible[c].any()]
+    middle_m = (about_world_m.min(axis=0) + about_world_m.max(axis=0)) / 2
+    points_world_m = cube_about(middle_m, _AROUND_M, _VOXEL_M)
+    in_picture, on_people = looked_at(rig, possible, range(rig.n_cameras), points_world_m)
+    n_missed = most_missed(len(looking))
+    inside = in_hull(in_picture[looking], on_people[looking], n_missed)
+    almost = inside
+    if len(looking) >= _MANY_CAMERAS:
+        almost = in_hull(in_picture[looking], on_people[looking], n_missed + 1)
+    return points_world_m[almost], in_picture[:, almost], ~inside[almost]
+
+
+def _doubting_others(
+    rig: Rig, seen: TriPlanes, points_world_m: Floats, in_picture: Mask, of_actor: Mask
+) -> TriPlanes:
+    """A frame (P, H, W) in which only what the actor's points of a hull (N, 3) alone explain is sure.
+
+    in_picture: (C, N) the points that count.
+    """
+    actor = points_drawn(rig, points_world_m, in_picture & of_actor, _AROUND_PX)
+    actor &= ~points_drawn(rig, points_world_m, in_picture & ~of_actor, _ON_PX)
+    return seen.doubting(seen.silhouettes & ~pack(actor))

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
-from services.mocap.search.other_people import near_to
+from services.mocap.search.other_people import told_apart
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Ints, Mask
 
@@ -29,18 +30,34 @@ _SPECK_SHARE = 0.05
 _SECOND_SHARE = 0.12
 """Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
 almost nothing."""
-_CLEARLY_NEARER_M, _PIECES_WITHIN_M = 0.4, 0.6
-"""Of two people, the actor is nearer to the middle by more than this; pieces of one person that something
-hides in part are so near to each other."""
+_LEAST_PERSON_M, _PIECES_WITHIN_M = 0.8, 0.6
+"""Of two people, each is at least so high; the pieces of one whom something hides in part are low, or so near
+to each other."""
+_CLEARLY_NEARER_M = 0.4
+"""Of two people, the actor is nearer to the middle by more than this."""
+_FAR_M = 1.5
+"""An actor who was lost is nobody farther from the last pose, if two people are in view."""
 _TWO = (
     "silhouettes: two people, or the actor and something large, are visible in the first frame: the one at "
     "x {:.1f} m, y {:.1f} m, in the middle of what the cameras look at, is taken for the actor; the other "
     "counts for nothing: if that is wrong, choose a first frame without the other one, or mask it out"
 )
-"""The message, with x, y and z of the actor's middle."""
+"""The message, with the actor's place on the floor."""
 _ALONG = 0.9
 """Cosine of the angle between the axes of cameras that look along one line, as far as is known."""
 _LEFT_OUT = ": it is left out of the search for the first pose"
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPeople:
+    """The first frame of an actor who is not alone."""
+
+    others: Mask
+    """(C, H, W) what shows other people, or may show either."""
+    actor_world_m: Floats
+    """(N, 3) points of the actor's hull."""
+    others_world_m: Floats
+    """(M, 3) points of the others' hull."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +70,18 @@ class FirstLook:
     """A sentence for each of them, and for problems that do not prevent tracking."""
     possible: Mask = field(compare=False)
     """(C, H, W) what may be actor: besides what was told as such, what something before the actor hides."""
-    actor_world_m: Floats | None = field(default=None, compare=False)
-    """(N, 3) points of the hull of the actor, one of two people; None where there is nobody else."""
-    others: Mask | None = field(default=None, compare=False)
-    """(C, H, W) what shows the other people."""
+    two: TwoPeople | None = field(default=None, compare=False)
+    """None where nobody else is in view."""
 
     def believed(self, silhouettes: Mask) -> Mask:
         """A copy of silhouettes (C, H, W) with those left out empty, so that they do not carve the hull."""
-        believed = silhouettes.copy() if self.others is None else silhouettes & ~self.others
+        believed = silhouettes.copy() if self.two is None else silhouettes & ~self.two.others
         believed[list(self.left_out)] = False
         return believed
 
     def alone(self, seen: TriPlanes) -> TriPlanes:
         """The frame (P, H, W), in which what shows other people is unsure."""
-        return seen if self.others is None else seen.doubting(pack(self.others))
+        return seen if self.two is None else seen.doubting(pack(self.two.others))
 
 
 def look_first(
@@ -88,6 +103,18 @@ def look_first(
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
+    return _look(rig, silhouettes, names, possible, near_world_m, np.zeros_like(silhouettes))
+
+
+def _look(
+    rig: Rig,
+    silhouettes: Mask,
+    names: Sequence[str],
+    possible: Mask,
+    near_world_m: Floats | None,
+    others: Mask,
+) -> FirstLook:
+    """As look_first; others (C, H, W): what shows other people, besides the silhouettes."""
     shares = _foreground_shares(rig, silhouettes)
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
     full = tuple(c for c, share in enumerate(shares) if share > _FULL_SHARE)
@@ -95,21 +122,28 @@ def look_first(
     possible_shares = _foreground_shares(rig, possible)
     unsure = tuple(c for c in empty if possible_shares[c] >= _EMPTY_SHARE)
     _check_counts(empty, full, usable, unsure, names)
-    unsure_shares = UnsureShares(silhouettes, possible, names)
+    unsure_shares = UnsureShares(silhouettes, possible & ~others, names)
     with unsure_shares.blamed_first():
+        if all(len(_pieces(silhouettes[c])) == 1 for c in usable):  # nobody else is cut off
+            _check_cut_off(rig, silhouettes, possible, usable, names)
         agreement, cut = find_agreement(rig, silhouettes, usable, possible), tuple[int, ...]()
-        if (found := _actor_of_two(rig, silhouettes, possible, agreement, near_world_m)) is not None:
-            others, actor_world_m = found
-            look = look_first(rig, silhouettes & ~others, names, possible)
-            two = _TWO.format(*np.median(actor_world_m, axis=0))
-            return replace(look, remarks=(two, *look.remarks), actor_world_m=actor_world_m, others=others)
-        _check_cut_off(rig, silhouettes, possible, usable, names)
-        if _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
-            bridged = _bridged(silhouettes, possible, parted)
-            again = find_agreement(rig, silhouettes, usable, bridged)
-            if again.agree and not _shows_two(again):
-                agreement, possible, cut = again, bridged, parted
-        _check_agreement(agreement, names)
+        people_m, found = _people_m(agreement), None
+        if people_m:
+            left_out = (*empty, *full, *agreement.odd)
+            found = _actor_of(people_m, rig, silhouettes, possible, left_out, near_world_m)
+        if found is None:
+            _check_cut_off(rig, silhouettes, possible, usable, names)
+            if not people_m and _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
+                bridged = _bridged(silhouettes, possible, parted)
+                again = find_agreement(rig, silhouettes, usable, bridged)
+                if again.agree and not _shows_two(again):
+                    agreement, possible, cut = again, bridged, parted
+            _check_agreement(agreement, names)
+    if found is not None:
+        all_others = others | found.others
+        look = _look(rig, silhouettes & ~found.others, names, possible, near_world_m, all_others)
+        remark = _TWO.format(*np.median(found.actor_world_m[:, :2], axis=0))
+        return replace(look, remarks=(remark, *look.remarks), two=replace(found, others=all_others))
     remarks = _remarks(empty, full, agreement, names, unsure_shares)
     remarks += [
         f"silhouettes: something hides part of the actor from {names[c]} in the first frame, which shows its "
@@ -248,26 +282,39 @@ def _shows_two(agreement: Agreement) -> bool:
     return len(agreement.people) > 1 and agreement.people[1][0] > _SECOND_SHARE
 
 
-def _actor_of_two(
-    rig: Rig, silhouettes: Mask, possible: Mask, agreement: Agreement, near_world_m: Floats | None
-) -> tuple[Mask, Floats] | None:
-    """What shows other people (C, H, W), and points (N, 3) of the hull of the actor, who is clearly nearer
-    than they are to where the actor should be; None if there is one person only, or it is not clear who."""
+def _people_m(agreement: Agreement) -> list[Floats]:
+    """Points (N, 3) of the hulls of two or more people; none if it may be one whom something hides in part."""
     people_m = [points_m for share, points_m in agreement.people if share > _SECOND_SHARE]
+    people_m = [points_m for points_m in people_m if np.ptp(points_m[:, 2]) >= _LEAST_PERSON_M]
     if len(people_m) < 2 or not agreement.agree:
-        return None
-    near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
+        return []
+    middles_m = [np.median(points_m[:, :2], axis=0) for points_m in people_m]
+    return people_m if pdist(middles_m).min() > _PIECES_WITHIN_M else []
+
+
+def _actor_of(
+    people_m: list[Floats],
+    rig: Rig,
+    silhouettes: Mask,
+    possible: Mask,
+    left_out: tuple[int, ...],
+    near_world_m: Floats | None,
+) -> TwoPeople | None:
+    """Who of some people, by points (N, 3) of their hulls, is clearly nearer than the others to where the actor
+    should be; None if nobody is."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
+    near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
     away_m = np.linalg.norm(middles_m - near_m, axis=1)
     actor, second = np.argsort(away_m)[:2]
-    apart_m = np.linalg.norm(np.delete(middles_m, actor, axis=0) - middles_m[actor], axis=1)
-    if away_m[second] < away_m[actor] + _CLEARLY_NEARER_M or apart_m.min() < _PIECES_WITHIN_M:
+    is_told_far = near_world_m is not None and away_m[actor] > _FAR_M
+    if is_told_far or away_m[second] < away_m[actor] + _CLEARLY_NEARER_M:
         return None
-    alone, actor_world_m = near_to(
-        people_m[actor], rig, TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))
-    )
+    others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
+    seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))
+    alone, actor_m, others_m = told_apart(rig, seen, people_m[actor], others_m, left_out)
     others = silhouettes & ~unpack(alone.silhouettes, rig.n_cameras)
-    return (others, actor_world_m) if others.sum() > _SPECK_SHARE * silhouettes.sum() else None
+    enough = others.sum() > _SPECK_SHARE * silhouettes.sum()
+    return TwoPeople(others, actor_m, others_m) if enough else None
 
 
 def _parted(rig: Rig, silhouettes: Mask, usable: tuple[int, ...]) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from services.mocap.search.frame import align_alone, extrapolated, solve_frame
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
+from services.mocap.search.other_people import without_others
 from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
@@ -30,7 +31,7 @@ log = logging.getLogger(__name__)
 
 _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
-_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
+FLOOR_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
 _EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
@@ -60,7 +61,7 @@ class Tracker:
 
     @property
     def expected(self) -> Floats:
-        """(D,) where the last poses lead to."""
+        """(D,) half-way between the last pose and where the last two lead to."""
         return np.asarray(extrapolated(self._poses[-2:])[-1])
 
     def memory(self) -> dict[str, list[int]]:
@@ -97,7 +98,8 @@ class Tracker:
         If a way back follows, a known pose is only aligned, unless a part is doubtful then: limbs are left to
         the way back. aligned: this alignment, if it was made before (aligned_ahead).
         """
-        picture, settings = self._model.without_cameras(seen, absent, self._settings)
+        alone = without_others(self._model, seen, self.expected if known is None else known, absent)
+        picture, settings = self._model.without_cameras(alone, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
         if known is not None:
             starts = np.vstack([starts, known])
@@ -129,7 +131,7 @@ class Tracker:
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(seen, absent, settings, at_once=not is_lost)
             if again is None and is_lost:
-                return self._kept(solution, seen)
+                return self._kept(solution, alone)
             log.info("the actor was found again after %d frames", self._lost_frames)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=BY_ENERGY), []
@@ -190,7 +192,8 @@ def aligned_ahead(
         frame, seen, known = one
         if known is None:
             return frame, None
-        return frame, align_alone(copy, model.picture_of(seen), known, settings)
+        alone = copy.picture_of(without_others(copy, seen, known))
+        return frame, align_alone(copy, alone, known, settings)
 
     return model.copies.each(aligned, frames)
 
@@ -215,8 +218,8 @@ def whole_person(model: Model, seen: TriPlanes, pose: Floats) -> tuple[Hull, Tri
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
-        look = look_first(rig, masks, possible=possible, near_world_m=pose[_PLACE])
+        look = look_first(rig, masks, possible=possible, near_world_m=pose[FLOOR_PLACE])
         hull = carve(rig, look.believed(masks), look.possible)
-    except TakeError:  # nobody, several people, or a person at the pictures' edges: quick to detect
+    except TakeError:  # nobody, several people, or a person at the pictures' edges
         return None
     return (hull, look.alone(seen)) if hull.suits(model.body.height_m) else None

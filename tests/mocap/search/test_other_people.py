@@ -1,6 +1,7 @@
 """Other people in view count for nothing: they are neither the actor nor background."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, camera_bit, count_bits, pack, unpack
 from services.mocap.errors import TakeError
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import without_others
+from services.mocap.search.other_people import told_apart, without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker, whole_person
@@ -49,7 +50,7 @@ def test_an_actor_alone_stays_as_seen(
     expected = standing(shoulder_elevation=elevation + turn, root_heading=turn)
     expected[:3] += off_m
     seen = TriPlanes.sure(silhouettes_of(pose))
-    assert without_others(model.body, model.rig, seen, expected) is seen
+    assert without_others(model, seen, expected) is seen
 
 
 @pytest.mark.parametrize("cameras", [range(8), range(0, 8, 2)])
@@ -62,7 +63,7 @@ def test_who_stands_beside_the_actor_is_unsure(
     own, others = (unpack(silhouettes_of(pose), 8)[cameras] for pose in (actor, other))
     seen, expected = TriPlanes.sure(pack(own | others)), actor.copy()
     expected[:2] += 0.08
-    alone = without_others(model.body, rig, seen, expected)
+    alone = without_others(replace(model, rig=rig), seen, expected)
     np.testing.assert_array_equal(alone.possible, seen.silhouettes)  # nothing becomes background
     sure = unpack(alone.silhouettes, rig.n_cameras)
     assert (sure & ~own).sum() < 0.06 * (others & ~own).sum()
@@ -74,7 +75,7 @@ def test_an_actor_who_has_moved_on_is_nobody_else(
     model: Model, standing: Poser, silhouettes_of: Silhouettes
 ) -> None:
     seen = TriPlanes.sure(silhouettes_of(somebody_at(standing, 1.0, 0.8)))
-    assert without_others(model.body, model.rig, seen, somebody_at(standing, -0.6, 0.0)) is seen
+    assert without_others(model, seen, somebody_at(standing, -0.6, 0.0)) is seen
 
 
 def test_a_camera_that_is_absent_tells_nothing(
@@ -84,7 +85,7 @@ def test_a_camera_that_is_absent_tells_nothing(
     own, others = silhouettes_of(actor), silhouettes_of(somebody_at(standing, 1.2, 0.9))
     absent = np.uint8(0b1111_0000)
     seen = TriPlanes.sure((own | others) & ~absent)
-    alone = without_others(model.body, model.rig, seen, actor, range(4, 8))
+    alone = without_others(model, seen, actor, range(4, 8))
     assert not (alone.possible & absent).any()
     assert np.count_nonzero(camera_bit(alone.unsure, 0)) > 500
 
@@ -102,8 +103,7 @@ def test_an_actor_is_followed_past_somebody_else(
     tracker = Tracker(model, SearchSettings(), LocalLimbs(model), walked(0)[None])
     for frame in range(10):
         seen = TriPlanes.sure(silhouettes_of(walked(frame)) | others)
-        alone = without_others(model.body, model.rig, seen, tracker.expected)
-        found = tracker.solve(alone)
+        found = tracker.solve(seen)
         assert not found.is_lost
         assert joint_errors_mm(found.pose, walked(frame)).mean() < 15
 
@@ -142,10 +142,57 @@ def test_a_lost_actor_is_whoever_is_nearer_to_the_last_pose(
     assert np.count_nonzero(alone.silhouettes & ~own) < 0.05 * np.count_nonzero(seen.silhouettes & ~own)
 
 
+def test_two_people_side_by_side_stay_apart_from_frame_to_frame(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    """What is the actor's does not grow over somebody else, who comes near and goes."""
+    actor = somebody_at(standing, 0.0, 0.0)
+    own, left_m = silhouettes_of(actor), np.abs(np.linspace(-0.6, 0.6, 13)) + 0.9
+    others = [silhouettes_of(somebody_at(standing, away_m, 0.5)) for away_m in left_m]
+    look = look_first(model.rig, unpack(own | others[0], 8))
+    assert look.two is not None
+    actor_m, others_m = look.two.actor_world_m, look.two.others_world_m
+    for other in others:
+        alone, actor_m, others_m = told_apart(model.rig, TriPlanes.sure(own | other), actor_m, others_m)
+        assert count_bits(alone.silhouettes & ~own) < 0.1 * count_bits(other & ~own)
+        assert count_bits(alone.silhouettes & own) > 0.6 * count_bits(own)
+
+
+@pytest.mark.parametrize("camera", [0, 3])
+def test_what_furniture_hides_from_one_camera_stays_sure_in_the_others(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, camera: int
+) -> None:
+    actor = somebody_at(standing, 0.0, 0.0)
+    own, seen = silhouettes_of(actor), unpack(silhouettes_of(actor), 8)
+    seen |= unpack(silhouettes_of(somebody_at(standing, 1.3, 0.8)), 8)
+    rows = np.flatnonzero(unpack(own, 8)[camera].any(axis=1))
+    seen[camera, rows[0] + round(0.75 * len(rows)) :] = False  # a table before the shanks
+    alone = without_others(model, TriPlanes.sure(pack(seen)), actor)
+    low = np.zeros_like(seen)
+    for c, mask in enumerate(unpack(own, 8)):
+        of_actor = np.flatnonzero(mask.any(axis=1))
+        low[c, of_actor[0] + round(0.8 * len(of_actor)) :] = c != camera
+    shanks = pack(low) & own
+    assert count_bits(alone.silhouettes & shanks) > 0.7 * count_bits(shanks)
+
+
+def test_something_low_in_the_middle_is_no_actor(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    """A chair in the middle, as high as a thigh, does not become the actor."""
+    chair = unpack(silhouettes_of(somebody_at(standing, 0.1, 0.1, hip_abduction=20)), 8)
+    for mask in chair:
+        rows = np.flatnonzero(mask.any(axis=1))
+        mask[: rows[0] + round(0.6 * len(rows))] = False
+    aside = unpack(silhouettes_of(somebody_at(standing, 1.2, 0.5)), 8)
+    with pytest.raises(TakeError, match="the actor and something large"):
+        look_first(model.rig, aside | chair)
+
+
 def test_two_people_equally_near_are_refused(
     model: Model, standing: Poser, silhouettes_of: Silhouettes
 ) -> None:
-    ends = somebody_at(standing, -0.6, 0.3), somebody_at(standing, 0.6, -0.3, root_heading=90)
+    ends = somebody_at(standing, -0.7, 0.0), somebody_at(standing, 0.7, 0.0)
     two = silhouettes_of(ends[0]) | silhouettes_of(ends[1])
     with pytest.raises(TakeError, match="which of them is the actor is not clear"):
         look_first(model.rig, unpack(two, 8))
