@@ -283,7 +283,7 @@ def _shows_two(agreement: Agreement) -> bool:
 
 
 def _people_m(agreement: Agreement) -> list[Floats]:
-    """Points (N, 3) of the hulls of two or more people; none if it may be one whom something hides in part."""
+    """Points (N, 3) of the hull of each of two or more people; empty if it may be one, hidden in part."""
     people_m = [points_m for share, points_m in agreement.people if share > _SECOND_SHARE]
     people_m = [points_m for points_m in people_m if np.ptp(points_m[:, 2]) >= _LEAST_PERSON_M]
     if len(people_m) < 2 or not agreement.agree:
@@ -300,8 +300,8 @@ def _actor_of(
     left_out: tuple[int, ...],
     near_world_m: Floats | None,
 ) -> TwoPeople | None:
-    """Who of some people, by points (N, 3) of their hulls, is clearly nearer than the others to where the actor
-    should be; None if nobody is."""
+    """Who of some people, by points (N, 3) of the hull of each, is clearly nearer than the others to where the
+    actor should be; None if nobody is."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
     near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
     away_m = np.linalg.norm(middles_m - near_m, axis=1)
