@@ -300,8 +300,8 @@ def _actor_of(
     left_out: tuple[int, ...],
     near_world_m: Floats | None,
 ) -> TwoPeople | None:
-    """Who of some people, by points (N, 3) of the hull of each, is clearly nearer to where the actor should be
-    than the others; None if nobody is."""
+    """Who of some people, by points (N, 3) of the hull of each, is clearly nearest to where the actor should
+    be; None if nobody is."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
     near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
     away_m = np.linalg.norm(middles_m - near_m, axis=1)
