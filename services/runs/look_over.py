@@ -8,15 +8,17 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import TriPlanes, camera_bit
 from services.mocap.energy.picture import Region
 from services.mocap.result.result import Result
 from services.mocap.sampling import evenly
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded
+from services.mocap.search.other_people import without_others
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
-from services.mocap.types import ACTOR, Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask
 from services.runs.take_fit import occluded_by_camera
 from services.runs.take_silhouettes import read_moments
 from services.segmentation.background import CameraBackground
@@ -51,9 +53,10 @@ def look_over(
         moments = read_moments(frames, segmenter, with_pictures=learns_colours)
         for k, (row, moment) in enumerate(zip(rows, moments, strict=True)):
             pose, distrusted = found.tracked.poses[row], found.distrusted[row]
+            seen = without_others(model, packed(moment.trimaps, width_px, height_px), pose)
             if learns_colours and k % max(1, len(rows) // _TAUGHT) == 0:
-                lesson.add(moment, pose, distrusted)
-            yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
+                lesson.add(moment, seen, pose, distrusted)
+            yield PosedFrame(seen, pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))
 
     with model_on_cpu(found.actor, rig) as model:
@@ -76,15 +79,15 @@ class _ColourLesson:
         self._undistorters = [Undistorter(camera) for camera in cameras]
         self.learner = ColourLearner(len(cameras))
 
-    def add(self, moment: Moment, pose: Floats, distrusted: Mask) -> None:
-        """Add a moment, undistorted, with its pose (D,); parts that are distrusted (6,) teach nothing, and
-        nothing does if that is the torso."""
+    def add(self, moment: Moment, seen: TriPlanes, pose: Floats, distrusted: Mask) -> None:
+        """Add a moment, undistorted, with its silhouettes (P, H, W) and its pose (D,); parts that are
+        distrusted (6,) teach nothing, and nothing does if that is the torso."""
         if moment.images_bgr is None or distrusted[_TORSO]:
             return
         pieces = self._model.colours.painted(pose, self._region, PIECES)
         marked = [s for part in np.array(PARTS)[distrusted] for s in PART_SEGMENTS[part]]
         pieces[np.isin(pieces, PIECES[marked])] = 0
-        for c, (undistorter, trimap) in enumerate(zip(self._undistorters, moment.trimaps, strict=True)):
-            height, width = trimap.shape
+        for c, undistorter in enumerate(self._undistorters):
             image = undistorter.image(moment.images_bgr[c])
-            self.learner.add(c, image, pieces[c, :height, :width], trimap == ACTOR)
+            part = np.s_[: image.shape[0], : image.shape[1]]
+            self.learner.add(c, image, pieces[c][part], camera_bit(seen.silhouettes, c)[part])

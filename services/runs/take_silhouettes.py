@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack_trimaps
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.other_people import told_apart, without_others
-from services.mocap.search.plausibility import TwoPeople, look_first
+from services.mocap.search.plausibility import NOWHERE, Places, TwoPeople, look_first
 from services.mocap.search.tracker import FLOOR_PLACE
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
@@ -95,20 +95,22 @@ def seen_of(
     """
     trimaps = trimaps_of(take, frames, segmenter, progress)
     rig = Rig.of(take.cameras)
-    near_m = None
+    places = NOWHERE
     if posed is not None:
         actor, poses = posed
-        near_m = poses[0, FLOOR_PLACE]
+        places = Places(poses[0, FLOOR_PLACE])
         with model_on_cpu(actor, rig) as model:
             for f, pose in enumerate(poses):
                 seen = without_others(model, pack_trimaps(trimaps[f]), pose)
                 trimaps[f] = unpack_trimaps(seen, rig.n_cameras)
     names, first = take.camera_names, trimaps[0]
-    look = look_first(rig, first == ACTOR, names, first != BACKGROUND, near_m)
+    look = look_first(rig, first == ACTOR, names, first != BACKGROUND, places)
     for remark in look.remarks:
         log.warning("%s", remark)
-    if look.two is not None and posed is None:
-        trimaps = _of_actor(rig, trimaps, look.two)
+    if look.two is not None and posed is not None:
+        trimaps[0] = unpack_trimaps(look.alone(pack_trimaps(first)), rig.n_cameras)
+    elif look.two is not None:
+        trimaps = _of_actor(rig, trimaps, look.two, look.left_out)
     chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -116,11 +118,14 @@ def seen_of(
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
 
 
-def _of_actor(rig: Rig, trimaps: Trimap, two: TwoPeople) -> Trimap:
-    """Successive silhouettes (F, C, H, W), in which others than the actor of the first frame are unsure."""
+def _of_actor(rig: Rig, trimaps: Trimap, two: TwoPeople, left_out: tuple[int, ...]) -> Trimap:
+    """Successive silhouettes (F, C, H, W), in which others than the actor of the first frame are unsure.
+
+    left_out: cameras that do not count.
+    """
     actor_m, others_m, alone = two.actor_world_m, two.others_world_m, np.empty_like(trimaps)
     for f, of_frame in enumerate(trimaps):
-        seen, actor_m, others_m = told_apart(rig, pack_trimaps(of_frame), actor_m, others_m)
+        seen, actor_m, others_m = told_apart(rig, pack_trimaps(of_frame), actor_m, others_m, left_out)
         alone[f] = unpack_trimaps(seen, rig.n_cameras)
     return alone
 

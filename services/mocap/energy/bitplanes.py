@@ -103,7 +103,8 @@ class TriPlanes:
 
     def doubting(self, doubted: Bytes) -> "TriPlanes":
         """The same frame (P, H, W), in which further pixels (P, H, W) are unsure."""
-        return replace(self, silhouettes=self.silhouettes & ~doubted, unsure=self.unsure | doubted)
+        classes = None if self.classes is None else self.classes & ~doubted
+        return TriPlanes(self.silhouettes & ~doubted, self.unsure | doubted, classes)
 
     @property
     def possible(self) -> Bytes:

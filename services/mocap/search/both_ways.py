@@ -23,9 +23,10 @@ from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import without_others
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
+from services.mocap.search.plausibility import Places
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
-from services.mocap.search.tracker import Tracker, is_far, unless_far, whole_person
+from services.mocap.search.tracker import FLOOR_PLACE, Tracker, is_far, unless_far, whole_person
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
@@ -82,7 +83,8 @@ def solve_both_ways(
     best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
-        planes, chosen = without_others(copy, of_frame[0], of_frame[1].pose), of_frame[1]
+        as_seen, chosen = of_frame
+        planes = without_others(copy, as_seen, chosen.pose)
         picture = model.picture_of(planes)
         solution = align_alone(copy, picture, chosen.pose, settings)
         if settings.search_limbs != "never" and not is_far(solution, planes):
@@ -120,7 +122,7 @@ def found_anew(
 ) -> Floats:
     """Search the pose (D,) of a frame with silhouettes `seen` (P, H, W) like a first pose, with the heading
     of a known pose; returns the known pose if no whole person is visible."""
-    found = whole_person(model, seen, pose)
+    found = whole_person(model, seen, Places(pose[FLOOR_PLACE]))
     if found is None:
         return pose
     hull, alone = found

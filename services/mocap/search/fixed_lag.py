@@ -77,6 +77,7 @@ class FixedLag:
         if not self._is_worth_it(frames, n_settled):
             yield from self.unchanged(n_settled)
             return
+        frames = [self._alone(frame) for frame in frames]
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
         path = PathSearch(self._model, self._settings)
         trust.recall(frames[0].memory)
@@ -109,22 +110,22 @@ class FixedLag:
         frame that was settled last."""
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
         poses = [frames[-1].solution.pose]
-        path.add(self._alone(frames[-1]), poses[0], poses[0], frames[-1].absent)
+        path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
         for k in reversed(range(len(frames) - 1)):
             yield Step("tracking back", self._first_frame + k)
             poses.append(self._solve(frames[k], extrapolated(poses[-2:]), trust).pose)
-            path.add(self._alone(frames[k]), frames[k].solution.pose, poses[-1], frames[k].absent)
+            path.add(frames[k].seen, frames[k].solution.pose, poses[-1], frames[k].absent)
         if self._before is not None:
             pose = self._before.solution.pose
-            path.add(self._alone(self._before), pose, pose, self._before.absent)
+            path.add(self._alone(self._before).seen, pose, pose, self._before.absent)
 
     def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
-        picture, settings = self._model.without_cameras(self._alone(frame), frame.absent, self._settings)
+        picture, settings = self._model.without_cameras(frame.seen, frame.absent, self._settings)
         return solve_frame(self._model, picture, starts, settings, self._limbs, trust)
 
-    def _alone(self, frame: Tracked) -> TriPlanes:
-        """What a frame shows (P, H, W) without other people, by its first solution."""
-        return without_others(self._model, frame.seen, frame.solution.pose, frame.absent)
+    def _alone(self, frame: Tracked) -> Tracked:
+        """A frame in which other people are unsure, by its first solution."""
+        return replace(frame, seen=without_others(self._model, frame.seen, frame.solution.pose, frame.absent))
 
     def _settled(self, solution: FrameSolution) -> Step:
         """The first of the waiting frames has this solution, and waits no longer."""

@@ -39,15 +39,23 @@ _ON_PX, _AROUND_PX = 3, 6
 
 
 def without_others(model: Model, seen: TriPlanes, pose: Floats, absent: Collection[int] = ()) -> TriPlanes:
-    """A frame (P, H, W) in which pixels that show other people are unsure.
+    """A frame (P, H, W) in which pixels that show other people are unsure; see find_others."""
+    return find_others(model, seen, pose, absent)[0]
 
-    pose (D,): about the actor's. absent: cameras that are not used. The frame is returned as it is unless two
-    cameras see much that cannot be the actor, who is where the pose says.
+
+def find_others(
+    model: Model, seen: TriPlanes, pose: Floats, absent: Collection[int] = ()
+) -> tuple[TriPlanes, Floats | None]:
+    """A frame (P, H, W) in which pixels that show other people are unsure, and where on the floor they are
+    (2,), as x and y in the world.
+
+    pose (D,): about the actor's. absent: cameras that are not used. The frame is returned as it is, and None,
+    unless two cameras see much that cannot be the actor, who is where the pose says.
     """
     rig, joints_world_m = model.rig, joint_positions(pose[None], model.body.offsets_m)[0]
     cameras = [c for c in range(rig.n_cameras) if c not in absent]
     if sum(_shows_much_else(rig, c, seen, joints_world_m) for c in cameras) < MIN_CAMERAS:
-        return seen
+        return seen, None
     points_world_m, in_picture, is_missed = _hull(rig, seen, joints_world_m, absent)
     away_m, _ = cKDTree(joints_world_m).query(points_world_m)
     is_near, kept = away_m < _NEAR_M, (away_m < _SURELY_M) | ~is_missed
@@ -58,8 +66,9 @@ def without_others(model: Model, seen: TriPlanes, pose: Floats, absent: Collecti
         of_actor &= away_m < apart_m + _SURELY_M
     is_there = cKDTree(points_world_m[of_actor]).query(joints_world_m)[0] < _SURELY_M
     if is_there.mean() < _MOSTLY:
-        return seen
-    return _doubting_others(rig, seen, points_world_m, in_picture & kept, of_actor)
+        return seen, None
+    alone = _doubting_others(rig, seen, points_world_m, in_picture & kept, of_actor)
+    return alone, np.median(others_m[:, :2], axis=0) if len(others_m) else None
 
 
 def told_apart(
@@ -68,16 +77,16 @@ def told_apart(
     """A frame as by without_others, by points of the hulls of the actor (N, 3) and of others (M, 3) a moment
     before; also returns such points of this frame.
 
-    It is returned as it is, with the same points, if the actor or the others are not near to where they were.
+    It is returned as it is, with the same points, if the actor is not near to where he or she was.
     """
     points_world_m, in_picture, is_missed = _hull(rig, seen, actor_world_m, absent)
     to_actor_m, to_others_m = (cKDTree(m).query(points_world_m)[0] for m in (actor_world_m, others_world_m))
     of_actor = ~is_missed & (to_actor_m < to_others_m)
     of_others = ~is_missed & ~of_actor
-    if not (of_actor.any() and of_others.any()):
+    if not of_actor.any():
         return seen, actor_world_m, others_world_m
     alone = _doubting_others(rig, seen, points_world_m, in_picture & ~is_missed, of_actor)
-    return alone, points_world_m[of_actor], points_world_m[of_others]
+    return alone, points_world_m[of_actor], points_world_m[of_others] if of_others.any() else others_world_m
 
 
 def _shows_much_else(rig: Rig, camera: int, seen: TriPlanes, joints_world_m: Floats) -> bool:

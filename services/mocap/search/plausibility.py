@@ -36,16 +36,30 @@ to each other."""
 _CLEARLY_NEARER_M = 0.4
 """Of two people, the actor is nearer to the middle by more than this."""
 _FAR_M = 1.5
-"""An actor who was lost is nobody farther from the last pose, if two people are in view."""
+"""An actor who was lost is nobody farther from the last pose, if two people are in view, and nobody else was
+before."""
 _TWO = (
     "silhouettes: two people, or the actor and something large, are visible in the first frame: the one at "
-    "x {:.1f} m, y {:.1f} m, in the middle of what the cameras look at, is taken for the actor; the other "
-    "counts for nothing: if that is wrong, choose a first frame without the other one, or mask it out"
+    "x {:.1f} m, y {:.1f} m, nearer to the middle of what the cameras look at, is taken for the actor; the "
+    "other counts for nothing: if that is wrong, choose a first frame without the other one, or mask it out"
 )
 """The message, with the actor's place on the floor."""
 _ALONG = 0.9
 """Cosine of the angle between the axes of cameras that look along one line, as far as is known."""
 _LEFT_OUT = ": it is left out of the search for the first pose"
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where people are on the floor, as far as it is known: x and y in the world."""
+
+    actor_m: Floats | None = None
+    """(2,) by default in the middle of what the cameras look at."""
+    others_m: Floats | None = None
+    """(2,)"""
+
+
+NOWHERE = Places()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +103,20 @@ def look_first(
     silhouettes: Mask,
     names: Sequence[str] = (),
     possible: Mask | None = None,
-    near_world_m: Floats | None = None,
+    places: Places = NOWHERE,
 ) -> FirstLook:
     """Check the silhouettes (C, H, W) of the first frame, before searching a pose.
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
-    silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. near_world_m:
-    (2,) about where the actor is on the floor; by default in the middle of what the cameras look at. Of two
-    people the one clearly nearer to it is the actor. Raises NotInViewError if nobody is visible or most
-    cameras cut the actor off, and TakeError if it is not clear which of two people is the actor, or the
+    silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. Of two people
+    the one clearly nearer to the actor's place is the actor. Raises NotInViewError if nobody is visible or
+    most cameras cut the actor off, and TakeError if it is not clear which of two people is the actor, or the
     silhouettes do not meet in space. A camera that is empty, full or disagrees with the others is left out,
     as long as at least two cameras remain, or three to decide that one disagrees.
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
-    return _look(rig, silhouettes, names, possible, near_world_m, np.zeros_like(silhouettes))
+    return _look(rig, silhouettes, names, possible, places, np.zeros_like(silhouettes))
 
 
 def _look(
@@ -111,7 +124,7 @@ def _look(
     silhouettes: Mask,
     names: Sequence[str],
     possible: Mask,
-    near_world_m: Floats | None,
+    places: Places,
     others: Mask,
 ) -> FirstLook:
     """As look_first; others (C, H, W): what shows other people, besides the silhouettes."""
@@ -130,7 +143,7 @@ def _look(
         people_m, found = _people_m(agreement), None
         if people_m:
             left_out = (*empty, *full, *agreement.odd)
-            found = _actor_of(people_m, rig, silhouettes, possible, left_out, near_world_m)
+            found = _actor_of(people_m, rig, silhouettes, possible, left_out, places)
         if found is None:
             _check_cut_off(rig, silhouettes, possible, usable, names)
             if not people_m and _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
@@ -141,10 +154,16 @@ def _look(
             _check_agreement(agreement, names)
     if found is not None:
         all_others = others | found.others
-        look = _look(rig, silhouettes & ~found.others, names, possible, near_world_m, all_others)
+        look = _look(rig, silhouettes & ~found.others, names, possible, places, all_others)
+        if look.two is not None:  # of more people than were told apart at once
+            return look
         remark = _TWO.format(*np.median(found.actor_world_m[:, :2], axis=0))
         return replace(look, remarks=(remark, *look.remarks), two=replace(found, others=all_others))
-    remarks = _remarks(empty, full, agreement, names, unsure_shares)
+    covered = [c for c in empty if others[c].any()]
+    remarks = _remarks(tuple(c for c in empty if c not in covered), full, agreement, names, unsure_shares)
+    remarks += [
+        f"silhouettes: somebody else hides the actor from {names[c]} in the first frame" for c in covered
+    ]
     remarks += [
         f"silhouettes: something hides part of the actor from {names[c]} in the first frame, which shows its "
         "rest in pieces"
@@ -298,21 +317,25 @@ def _actor_of(
     silhouettes: Mask,
     possible: Mask,
     left_out: tuple[int, ...],
-    near_world_m: Floats | None,
+    places: Places,
 ) -> TwoPeople | None:
     """Who of some people, by points (N, 3) of the hull of each, is clearly nearest to where the actor should
     be; None if nobody is."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
-    near_m = rig.middle_world_m[:2] if near_world_m is None else near_world_m
+    near_m = rig.middle_world_m[:2] if places.actor_m is None else places.actor_m
     away_m = np.linalg.norm(middles_m - near_m, axis=1)
-    actor, second = np.argsort(away_m)[:2]
-    is_told_far = near_world_m is not None and away_m[actor] > _FAR_M
-    if is_told_far or away_m[second] < away_m[actor] + _CLEARLY_NEARER_M:
+    cost_m = away_m.copy()
+    if places.others_m is not None:  # who is where others were is one of them
+        cost_m -= np.linalg.norm(middles_m - places.others_m, axis=1)
+    actor, second = np.argsort(cost_m)[:2]
+    is_told_far = places.actor_m is not None and places.others_m is None and away_m[actor] > _FAR_M
+    if is_told_far or cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M:
         return None
     others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
     seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))
     alone, actor_m, others_m = told_apart(rig, seen, people_m[actor], others_m, left_out)
     others = silhouettes & ~unpack(alone.silhouettes, rig.n_cameras)
+    others[list(left_out)] = False  # they are judged as they are
     enough = others.sum() > _SPECK_SHARE * silhouettes.sum()
     return TwoPeople(others, actor_m, others_m) if enough else None
 

@@ -18,9 +18,9 @@ from services.mocap.search.frame import align_alone, extrapolated, solve_frame
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import without_others
+from services.mocap.search.other_people import find_others, without_others
 from services.mocap.search.part_confidence import PartConfidence
-from services.mocap.search.plausibility import look_first
+from services.mocap.search.plausibility import Places, look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
@@ -29,8 +29,8 @@ _Frame = TypeVar("_Frame")
 
 log = logging.getLogger(__name__)
 
-_TRACKER = "tracker"
-"""Name of its own numbers in a memory."""
+_TRACKER, _OTHERS = "tracker", "others"
+"""Names of its own numbers in a memory."""
 FLOOR_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
@@ -53,21 +53,18 @@ class Tracker:
         self._trust = PartConfidence(model.rig, settings.doubt_px)
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
+        self._others_mm: list[int] = []
+        """Where on the floor other people were last; empty if there was nobody else."""
 
     @property
     def is_lost(self) -> bool:
         """Whether the actor was not found in the last frame."""
         return self._lost_frames > 0
 
-    @property
-    def expected(self) -> Floats:
-        """(D,) half-way between the last pose and where the last two lead to."""
-        return np.asarray(extrapolated(self._poses[-2:])[-1])
-
     def memory(self) -> dict[str, list[int]]:
         """Its state, besides the last two poses."""
         known = [len(self._poses), self._lost_frames, self._tries, self._wait]
-        return {_TRACKER: known, **self._trust.as_lists()}
+        return {_TRACKER: known, _OTHERS: self._others_mm, **self._trust.as_lists()}
 
     def recall(self, memory: Mapping[str, list[int]]) -> None:
         """Continue from another coordinator's state; raises ValueError if it is invalid."""
@@ -75,6 +72,7 @@ class Tracker:
         if not 0 < n_poses <= len(self._poses):
             raise ValueError(f"{n_poses} poses to remember, {len(self._poses)} given")
         self._poses = self._poses[-n_poses:]
+        self._others_mm = memory.get(_OTHERS, [])
         self._trust.recall(memory)
 
     def solve(
@@ -98,9 +96,9 @@ class Tracker:
         If a way back follows, a known pose is only aligned, unless a part is doubtful then: limbs are left to
         the way back. aligned: this alignment, if it was made before (aligned_ahead).
         """
-        alone = without_others(self._model, seen, self.expected if known is None else known, absent)
-        picture, settings = self._model.without_cameras(alone, absent, self._settings)
         starts = extrapolated(self._poses[-2:])
+        alone, others_m = find_others(self._model, seen, starts[-1] if known is None else known, absent)
+        picture, settings = self._model.without_cameras(alone, absent, self._settings)
         if known is not None:
             starts = np.vstack([starts, known])
 
@@ -136,6 +134,8 @@ class Tracker:
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=BY_ENERGY), []
         self.follow(solution.pose)
+        if others_m is not None:
+            self._others_mm = np.rint(1000 * others_m).astype(int).tolist()
         self._lost_frames = self._tries = self._wait = 0
         return solution
 
@@ -166,7 +166,8 @@ class Tracker:
         if self._wait and not at_once:
             self._wait -= 1
             return None
-        found = whole_person(self._model, seen, self._poses[-1])
+        others_m = np.array(self._others_mm) / 1000 if self._others_mm else None
+        found = whole_person(self._model, seen, Places(self._poses[-1][FLOOR_PLACE], others_m))
         if found is None:
             return None
         hull, alone = found
@@ -212,13 +213,13 @@ def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameS
     return replace(solution, pose=pose.copy(), distrusted=list(PARTS), confidence=nothing)
 
 
-def whole_person(model: Model, seen: TriPlanes, pose: Floats) -> tuple[Hull, TriPlanes] | None:
+def whole_person(model: Model, seen: TriPlanes, places: Places) -> tuple[Hull, TriPlanes] | None:
     """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen, and
-    the silhouettes of that person alone; of two people, the one nearer to a pose (D,)."""
+    the silhouettes of that person alone; of two people, the actor by their last places."""
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
-        look = look_first(rig, masks, possible=possible, near_world_m=pose[FLOOR_PLACE])
+        look = look_first(rig, masks, possible=possible, places=places)
         hull = carve(rig, look.believed(masks), look.possible)
     except TakeError:  # nobody, several people, or a person at the pictures' edges
         return None

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, camera_bit, count_bits, pack, unpack
+from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes, camera_bit, count_bits, pack, unpack
 from services.mocap.errors import TakeError
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import told_apart, without_others
-from services.mocap.search.plausibility import look_first
+from services.mocap.search.plausibility import Places, look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker, whole_person
 from services.mocap.types import Bytes, Floats
@@ -132,14 +132,38 @@ def test_a_lost_actor_is_whoever_is_nearer_to_the_last_pose(
 ) -> None:
     two = [somebody_at(standing, -0.8, 0.0), somebody_at(standing, 0.7, 0.2)]
     seen = TriPlanes.sure(silhouettes_of(two[0]) | silhouettes_of(two[1]))
-    last = two[who].copy()
-    last[:2] += 0.2
-    found = whole_person(model, seen, last)
+    found = whole_person(model, seen, Places(two[who][:2] + 0.2))
     assert found is not None
     hull, alone = found
     np.testing.assert_allclose(hull.axis_world_m, two[who][:2], atol=0.1)
     own = silhouettes_of(two[who])
     assert np.count_nonzero(alone.silhouettes & ~own) < 0.05 * np.count_nonzero(seen.silhouettes & ~own)
+
+
+def test_people_far_apart_are_told_apart(model: Model, standing: Poser, silhouettes_of: Silhouettes) -> None:
+    own = unpack(silhouettes_of(somebody_at(standing, 0.0, 0.0)), 8)
+    others = unpack(silhouettes_of(somebody_at(standing, 2.2, 0.0)), 8)
+    look = look_first(model.rig, own | others)
+    assert (look.believed(own | others) & ~own).sum() < 0.05 * (others & ~own).sum()
+
+
+def test_what_is_doubted_has_no_colour(standing: Poser, silhouettes_of: Silhouettes) -> None:
+    planes = silhouettes_of(standing())
+    seen = replace(TriPlanes.sure(planes), classes=np.stack([planes] * CLASS_BITS))
+    doubted = planes & np.uint8(0b0000_1111)
+    assert seen.doubting(doubted).classes is not None
+    np.testing.assert_array_equal(seen.doubting(doubted).sent_classes, seen.sent_classes & ~doubted)
+
+
+def test_who_stands_where_others_stood_is_not_the_actor(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    """The actor was lost beside somebody who stands still, and has run on."""
+    still, far = somebody_at(standing, 0.6, 0.0), somebody_at(standing, -0.9, 0.6)
+    seen = TriPlanes.sure(silhouettes_of(still) | silhouettes_of(far))
+    found = whole_person(model, seen, Places(np.array([0.2, 0.1]), still[:2]))
+    assert found is not None
+    np.testing.assert_allclose(found[0].axis_world_m, far[:2], atol=0.1)
 
 
 def test_two_people_side_by_side_stay_apart_from_frame_to_frame(
