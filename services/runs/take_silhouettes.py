@@ -13,8 +13,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack_trimaps
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.other_people import told_apart, without_others
-from services.mocap.search.plausibility import NOWHERE, Places, TwoPeople, look_first
+from services.mocap.search.plausibility import look_first
 from services.mocap.search.tracker import FLOOR_PLACE
+from services.mocap.search.two_people import NOWHERE, Places, TwoPeople
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap

@@ -21,16 +21,19 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import align_alone
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import without_others
+from services.mocap.search.other_people import find_others, without_others
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
-from services.mocap.search.plausibility import Places
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.search.tracker import FLOOR_PLACE, Tracker, is_far, unless_far, whole_person
+from services.mocap.search.two_people import Places
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
 """How often limbs that are not sure are searched far on the way back."""
+
+_ELSEWHERE_M = 0.5
+"""Somebody so far from the actor is somebody else."""
 
 Sweep: TypeAlias = Literal["tracking back", "settling"]
 """What is done to all frames in turn: track them back; solve each again from the best path."""
@@ -63,23 +66,8 @@ def solve_both_ways(
     frames are solved, one with it. So the caller can do other work, or end it. Frames are settled a few
     ahead, on several threads.
     """
-    last, path = len(forward) - 1, PathSearch(model, settings)
-    thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
-    yield Step("tracking back", last)
-    start = found_anew(model, settings, limbs, seen[last], forward[last])
-    tracker = Tracker(model, settings, limbs, start[None])
-    for frame in range(last, -1, -1):
-        if frame != last:
-            yield Step("tracking back", frame)
-        # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
-        # search a limb: some frames are searched thoroughly.
-        is_thorough = frame == last or frame % thorough_every == 0
-        planes, back = seen[frame], forward[frame]
-        if not is_thorough and tracker.expects(back):
-            tracker.follow(back)
-        else:
-            back = tracker.solve(planes, other=back, thorough=is_thorough).pose
-        path.add(_without_others(model, planes, forward[frame], back), forward[frame], back)
+    path = PathSearch(model, settings)
+    yield from _track_back(model, settings, limbs, seen, forward, fps, path)
     best = path.best()[::-1]
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
@@ -107,6 +95,45 @@ def solve_both_ways(
             yield Step("settling", *final)
     for final in steady.rest():
         yield Step("settling", *final)
+
+
+def _track_back(
+    model: Model,
+    settings: SearchSettings,
+    limbs: LimbPool,
+    seen: SilhouetteSpool,
+    forward: Floats,
+    fps: float,
+    path: PathSearch,
+) -> Iterator[Step]:
+    """Track from the last frame to the first, and add both ways to a path; yields before each frame."""
+    last = len(forward) - 1
+    thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
+    yield Step("tracking back", last)
+    start = found_anew(model, settings, limbs, seen[last], forward[last])
+    tracker = Tracker(model, settings, limbs, start[None])
+    for frame in range(last, -1, -1):
+        if frame != last:
+            yield Step("tracking back", frame)
+        # What differs in the first frame of a track, or for long, becomes usual, and is then no reason to
+        # search a limb: some frames are searched thoroughly.
+        is_thorough = frame == last or frame % thorough_every == 0
+        planes, back = seen[frame], forward[frame]
+        if not is_thorough and tracker.expects(back):
+            tracker.follow(back)
+        else:
+            back = tracker.solve(planes, other=back, thorough=is_thorough).pose
+            if _is_somebody_else(model, planes, back, forward[frame]):
+                back = forward[frame]
+                tracker = Tracker(model, settings, limbs, back[None])
+        path.add(_without_others(model, planes, forward[frame], back), forward[frame], back)
+
+
+def _is_somebody_else(model: Model, seen: TriPlanes, back: Floats, forward: Floats) -> bool:
+    """Whether a frame (P, H, W) shows others besides who has the pose (D,) of the way forward, and that of
+    the way back is far from it: who the actor is, the first frame tells."""
+    away_m = np.linalg.norm(back[FLOOR_PLACE] - forward[FLOOR_PLACE])
+    return bool(away_m > _ELSEWHERE_M) and find_others(model, seen, forward)[1] is not None
 
 
 def _without_others(model: Model, seen: TriPlanes, one: Floats, other: Floats) -> TriPlanes:

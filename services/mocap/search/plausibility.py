@@ -5,14 +5,13 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.distance import pdist
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, pack
 from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
-from services.mocap.search.other_people import told_apart
+from services.mocap.search.two_people import NOWHERE, Places, TwoPeople, actor_of, people_of, shows_two
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Ints, Mask
 
@@ -27,17 +26,6 @@ A hand at the edge is below this limit; two legs, a trunk or a head are above.
 """
 _SPECK_SHARE = 0.05
 """Share of the largest piece of a silhouette: a smaller piece is not part of the actor."""
-_SECOND_SHARE = 0.12
-"""Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
-almost nothing."""
-_LEAST_PERSON_M, _PIECES_WITHIN_M = 0.8, 0.6
-"""Of two people, each is at least so high; the pieces of one whom something hides in part are low, or so near
-to each other."""
-_CLEARLY_NEARER_M = 0.4
-"""Of two people, the actor is nearer to the middle by more than this."""
-_FAR_M = 1.5
-"""An actor who was lost is nobody farther from the last pose, if two people are in view, and nobody else was
-before."""
 _TWO = (
     "silhouettes: two people, or the actor and something large, are visible in the first frame: the one at "
     "x {:.1f} m, y {:.1f} m, nearer to the middle of what the cameras look at, is taken for the actor; the "
@@ -47,31 +35,6 @@ _TWO = (
 _ALONG = 0.9
 """Cosine of the angle between the axes of cameras that look along one line, as far as is known."""
 _LEFT_OUT = ": it is left out of the search for the first pose"
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where people are on the floor, as far as it is known: x and y in the world."""
-
-    actor_m: Floats | None = None
-    """(2,) by default in the middle of what the cameras look at."""
-    others_m: Floats | None = None
-    """(2,)"""
-
-
-NOWHERE = Places()
-
-
-@dataclass(frozen=True, eq=False)
-class TwoPeople:
-    """The first frame of an actor who is not alone."""
-
-    others: Mask
-    """(C, H, W) what shows other people, or may show either."""
-    actor_world_m: Floats
-    """(N, 3) points of the actor's hull."""
-    others_world_m: Floats
-    """(M, 3) points of the others' hull."""
 
 
 @dataclass(frozen=True)
@@ -140,16 +103,16 @@ def _look(
         if all(len(_pieces(silhouettes[c])) == 1 for c in usable):  # nobody else is cut off
             _check_cut_off(rig, silhouettes, possible, usable, names)
         agreement, cut = find_agreement(rig, silhouettes, usable, possible), tuple[int, ...]()
-        people_m, found = _people_m(agreement), None
+        people_m, found = people_of(agreement), None
         if people_m:
             left_out = (*empty, *full, *agreement.odd)
-            found = _actor_of(people_m, rig, silhouettes, possible, left_out, places)
+            found = actor_of(people_m, rig, silhouettes, possible, left_out, places)
         if found is None:
             _check_cut_off(rig, silhouettes, possible, usable, names)
-            if not people_m and _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
+            if not people_m and shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
                 bridged = _bridged(silhouettes, possible, parted)
                 again = find_agreement(rig, silhouettes, usable, bridged)
-                if again.agree and not _shows_two(again):
+                if again.agree and not shows_two(again):
                     agreement, possible, cut = again, bridged, parted
             _check_agreement(agreement, names)
     if found is not None:
@@ -289,55 +252,12 @@ def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
             f"{100 * agreement.filled:.0f}% of them{who}: check that the calibration belongs to this "
             "take and that the videos are synchronised"
         )
-    if _shows_two(agreement):
+    if shows_two(agreement):
         raise TakeError(
             "silhouettes: two people, or the actor and something large, are visible in the first frame, and "
             "which of them is the actor is not clear: choose a first frame without the other one, or mask it "
             "out"
         )
-
-
-def _shows_two(agreement: Agreement) -> bool:
-    return len(agreement.people) > 1 and agreement.people[1][0] > _SECOND_SHARE
-
-
-def _people_m(agreement: Agreement) -> list[Floats]:
-    """Points (N, 3) of the hull of each of two or more people; empty if it may be one, hidden in part."""
-    people_m = [points_m for share, points_m in agreement.people if share > _SECOND_SHARE]
-    people_m = [points_m for points_m in people_m if np.ptp(points_m[:, 2]) >= _LEAST_PERSON_M]
-    if len(people_m) < 2 or not agreement.agree:
-        return []
-    middles_m = [np.median(points_m[:, :2], axis=0) for points_m in people_m]
-    return people_m if pdist(middles_m).min() > _PIECES_WITHIN_M else []
-
-
-def _actor_of(
-    people_m: list[Floats],
-    rig: Rig,
-    silhouettes: Mask,
-    possible: Mask,
-    left_out: tuple[int, ...],
-    places: Places,
-) -> TwoPeople | None:
-    """Who of some people, by points (N, 3) of the hull of each, is clearly nearest to where the actor should
-    be; None if nobody is."""
-    middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
-    near_m = rig.middle_world_m[:2] if places.actor_m is None else places.actor_m
-    away_m = np.linalg.norm(middles_m - near_m, axis=1)
-    cost_m = away_m.copy()
-    if places.others_m is not None:  # who is where others were is one of them
-        cost_m -= np.linalg.norm(middles_m - places.others_m, axis=1)
-    actor, second = np.argsort(cost_m)[:2]
-    is_told_far = places.actor_m is not None and places.others_m is None and away_m[actor] > _FAR_M
-    if is_told_far or cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M:
-        return None
-    others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
-    seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))
-    alone, actor_m, others_m = told_apart(rig, seen, people_m[actor], others_m, left_out)
-    others = silhouettes & ~unpack(alone.silhouettes, rig.n_cameras)
-    others[list(left_out)] = False  # they are judged as they are
-    enough = others.sum() > _SPECK_SHARE * silhouettes.sum()
-    return TwoPeople(others, actor_m, others_m) if enough else None
 
 
 def _parted(rig: Rig, silhouettes: Mask, usable: tuple[int, ...]) -> tuple[int, ...]:

@@ -20,8 +20,9 @@ from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import find_others, without_others
 from services.mocap.search.part_confidence import PartConfidence
-from services.mocap.search.plausibility import Places, look_first
+from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.two_people import Places
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
 

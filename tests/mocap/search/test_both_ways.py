@@ -11,6 +11,7 @@ from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
+from services.mocap.search import both_ways
 from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
 from services.mocap.search.both_ways import Step, solve_both_ways
 from services.mocap.search.chains import LIMBS
@@ -22,7 +23,7 @@ from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
 from services.mocap.take.marks import PARTS, LimbName
-from services.mocap.types import Floats
+from services.mocap.types import Bytes, Floats
 
 pytestmark = pytest.mark.usefixtures("quick_first_pose")
 SETTINGS = SearchSettings()
@@ -81,6 +82,27 @@ def test_a_whole_track_that_is_better_is_taken_whole(
     astray = truth.copy()
     astray[:, 1] += 0.3
     np.testing.assert_array_equal(best_of(model, seen, astray, truth), truth)
+
+
+def test_the_way_back_does_not_end_at_somebody_else(
+    model: Model,
+    truth: Floats,
+    seen: list[TriPlanes],
+    silhouettes_of: Callable[[Floats], Bytes],
+    monkeypatch: pytest.MonkeyPatch,
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    """Somebody stands still beside the actor, and the way back begins there."""
+    still = truth[0].copy()
+    still[:2] += 0.9, 0.6
+    others = silhouettes_of(still)
+    both = [TriPlanes.sure(one.silhouettes | others) for one in seen]
+    monkeypatch.setattr(both_ways, "found_anew", lambda *_: still)
+    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), both, truth, FPS))  # type: ignore[arg-type]
+    found = [step.solution for step in steps if step.solution is not None]
+    assert len(found) == N
+    for solution, true in zip(found, truth, strict=True):
+        assert joint_errors_mm(solution.pose, true).mean() < 15
 
 
 def test_how_far_apart_two_poses_are(model: Model, truth: Floats) -> None:

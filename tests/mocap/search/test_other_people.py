@@ -14,9 +14,10 @@ from services.mocap.errors import TakeError
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import told_apart, without_others
-from services.mocap.search.plausibility import Places, look_first
+from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker, whole_person
+from services.mocap.search.two_people import Places
 from services.mocap.types import Bytes, Floats
 
 Poser = Callable[..., Floats]
