@@ -5,7 +5,7 @@ that one way has lost the other way often has. Each frame is solved again from t
 tracks.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -66,9 +66,7 @@ def solve_both_ways(
     frames are solved, one with it. So the caller can do other work, or end it. Frames are settled a few
     ahead, on several threads.
     """
-    path = PathSearch(model, settings)
-    yield from _track_back(model, settings, limbs, seen, forward, fps, path)
-    best = path.best()[::-1]
+    best = yield from _track_back(model, settings, limbs, seen, forward, fps)
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         as_seen, chosen = of_frame
@@ -104,10 +102,10 @@ def _track_back(
     seen: SilhouetteSpool,
     forward: Floats,
     fps: float,
-    path: PathSearch,
-) -> Iterator[Step]:
-    """Track from the last frame to the first, and add both ways to a path; yields before each frame."""
-    last = len(forward) - 1
+) -> Generator[Step, None, list[Chosen]]:
+    """Track from the last frame to the first; yields before each frame, and returns the best path of both
+    ways, from the first frame on."""
+    last, path = len(forward) - 1, PathSearch(model, settings)
     thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
     yield Step("tracking back", last)
     start = found_anew(model, settings, limbs, seen[last], forward[last])
@@ -127,6 +125,7 @@ def _track_back(
                 back = forward[frame]
                 tracker = Tracker(model, settings, limbs, back[None])
         path.add(_without_others(model, planes, forward[frame], back), forward[frame], back)
+    return path.best()[::-1]
 
 
 def _is_somebody_else(model: Model, seen: TriPlanes, back: Floats, forward: Floats) -> bool:

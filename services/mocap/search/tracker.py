@@ -33,6 +33,7 @@ log = logging.getLogger(__name__)
 _TRACKER, _OTHERS = "tracker", "others"
 """Names of its own numbers in a memory."""
 FLOOR_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
+_LOST = "the actor is lost: poses are doubtful until the body fits again or a whole person is in view"
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
 _EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
@@ -123,10 +124,7 @@ class Tracker:
         if is_lost or self._lost_frames:
             self._lost_frames += 1
             if self._lost_frames == 1:
-                log.warning(
-                    "the actor is lost: poses are doubtful until the body fits again or a whole person is in "
-                    "view"
-                )
+                log.warning(_LOST)
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(seen, absent, settings, at_once=not is_lost)
             if again is None and is_lost:
@@ -216,12 +214,14 @@ def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameS
 
 def whole_person(model: Model, seen: TriPlanes, places: Places) -> tuple[Hull, TriPlanes] | None:
     """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen, and
-    the silhouettes of that person alone; of two people, the actor by their last places."""
+    the silhouettes of that person alone; of two people, the actor by the last places of both, else nobody."""
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
         look = look_first(rig, masks, possible=possible, places=places)
         hull = carve(rig, look.believed(masks), look.possible)
     except TakeError:  # nobody, several people, or a person at the pictures' edges
+        return None
+    if look.two is not None and places.others_m is None:  # any of them may be the actor
         return None
     return (hull, look.alone(seen)) if hull.suits(model.body.height_m) else None

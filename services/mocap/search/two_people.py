@@ -19,9 +19,6 @@ _LEAST_PERSON_M, _PIECES_WITHIN_M = 0.8, 0.6
 to each other."""
 _CLEARLY_NEARER_M = 0.4
 """Of two people, the actor is nearer to the middle by more than this."""
-_FAR_M = 1.5
-"""An actor who was lost is nobody farther from the last pose, if two people are in view, and nobody else was
-before."""
 _LEAST_OTHERS = 0.05
 """Share of the silhouettes that others have at least."""
 
@@ -78,13 +75,11 @@ def actor_of(
     be; None if nobody is."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
     near_m = rig.middle_world_m[:2] if places.actor_m is None else places.actor_m
-    away_m = np.linalg.norm(middles_m - near_m, axis=1)
-    cost_m = away_m.copy()
+    cost_m = np.linalg.norm(middles_m - near_m, axis=1)
     if places.others_m is not None:  # who is where others were is one of them
         cost_m -= np.linalg.norm(middles_m - places.others_m, axis=1)
     actor, second = np.argsort(cost_m)[:2]
-    is_told_far = places.actor_m is not None and places.others_m is None and away_m[actor] > _FAR_M
-    if is_told_far or cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M:
+    if cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M:
         return None
     others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
     seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))

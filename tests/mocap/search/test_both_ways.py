@@ -98,7 +98,7 @@ def test_the_way_back_does_not_end_at_somebody_else(
     others = silhouettes_of(still)
     both = [TriPlanes.sure(one.silhouettes | others) for one in seen]
     monkeypatch.setattr(both_ways, "found_anew", lambda *_: still)
-    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), both, truth, FPS))  # type: ignore[arg-type]
+    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), both, truth, FPS))
     found = [step.solution for step in steps if step.solution is not None]
     assert len(found) == N
     for solution, true in zip(found, truth, strict=True):

@@ -133,7 +133,8 @@ def test_a_lost_actor_is_whoever_is_nearer_to_the_last_pose(
 ) -> None:
     two = [somebody_at(standing, -0.8, 0.0), somebody_at(standing, 0.7, 0.2)]
     seen = TriPlanes.sure(silhouettes_of(two[0]) | silhouettes_of(two[1]))
-    found = whole_person(model, seen, Places(two[who][:2] + 0.2))
+    assert whole_person(model, seen, Places(two[who][:2])) is None  # who of them it is, nothing tells
+    found = whole_person(model, seen, Places(two[who][:2] + 0.2, two[1 - who][:2]))
     assert found is not None
     hull, alone = found
     np.testing.assert_allclose(hull.axis_world_m, two[who][:2], atol=0.1)
