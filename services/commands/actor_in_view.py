@@ -46,7 +46,7 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
         if _cameras_that_see(take, frames.start, segmenter) != 0:
             return frames
         looks = frames[:: max(_EVERY, -(-len(frames) // _MOST_LOOKS))][1:]
-        best, most, n_further = frames.start, 0, _FURTHER_LOOKS
+        best, most, n_further, before = frames.start, 0, _FURTHER_LOOKS, frames.start
         for frame in looks:
             progress((frame - frames.start) / len(frames))
             n_cameras = _cameras_that_see(take, frame, segmenter) or 0
@@ -54,8 +54,16 @@ def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Calla
                 best, most = frame, n_cameras
             if most > 0:
                 n_further -= 1
+            else:
+                before = frame
             if most == len(take.cameras) or n_further == 0:
                 break
+        while most > 0 and best - before > _EVERY:  # looks at a long take are far apart
+            middle = (before + best) // 2
+            if (_cameras_that_see(take, middle, segmenter) or 0) >= most:
+                best = middle
+            else:
+                before = middle
     return range(best, frames.stop)
 
 

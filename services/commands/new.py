@@ -39,7 +39,12 @@ def new(
         list[Path] | None,
         typer.Option(help="Videos or PNG pictures of the empty stage, or a folder of them.", metavar="FILE"),
     ] = None,
-    up: Annotated[Up, typer.Option(help="The axis that points up in the calibrated world.")] = "z",
+    up: Annotated[
+        Up | None,
+        typer.Option(
+            help="The axis that points up in the calibrated world; by default that of its format, else z."
+        ),
+    ] = None,
 ) -> None:
     """Make a take folder: find out which video belongs to which camera, and write take.toml.
 
@@ -74,14 +79,14 @@ def new(
             check_plate(plates[camera.name], camera, decoded=False)
     make_folder(folder)
     if cameras and not (folder / layout.CALIBRATION).exists():
-        write_calibration(folder / layout.CALIBRATION, cameras, up)
+        write_calibration(folder / layout.CALIBRATION, cameras, up or "z")
     for name, path in plates.items():
         inside = layout.background_video_path(folder, name).with_suffix(path.suffix)
         inside.parent.mkdir(exist_ok=True)
         if not (inside.exists() and inside.samefile(path)):
             shutil.copyfile(path, inside)
     relative = {name: os.path.relpath(path, folder) for name, path in found.items()}
-    _write_settings(settings, folder.absolute().name, up, relative)
+    _write_settings(settings, folder.absolute().name, up or "z", relative)
     warn([*remarks, *unused_remarks(files, found), *unused_remarks(empty, plates)])
     _tell(settings, indices, plates, has_cameras=bool(cameras))
 
@@ -111,11 +116,11 @@ def _plates(folder: Path, files: list[Path], cameras: list[str]) -> dict[str, Pa
     return plates
 
 
-def _cameras(folder: Path, file: Path | None, up: Up) -> tuple[tuple[Camera, ...], list[str]]:
+def _cameras(folder: Path, file: Path | None, up: Up | None) -> tuple[tuple[Camera, ...], list[str]]:
     """The calibrated cameras, if there is a calibration, and remarks on it; raises CalibrationError."""
     inside = folder / layout.CALIBRATION
     if file is None:
-        return (read_calibration(inside, up) if inside.exists() else ()), []
+        return (read_calibration(inside, up or "z") if inside.exists() else ()), []
     if inside.exists():
         raise CalibrationError(f"{inside}: exists already: leave out --calibration, or remove it")
     return read_any(file, None, size_px=None, units="auto", scale=1.0, up=up)

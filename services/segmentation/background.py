@@ -84,8 +84,8 @@ class CameraBackground:
             )  # fmt: skip
         if plate.has_other_tone:
             log.warning(
-                "%s/background: clean plate of %s has another contrast than the videos, to which it was "
-                "adapted: record it with the same settings, as a video, and in the same light",
+                "%s/background: clean plate of %s has another contrast or exposure than the videos, to which "
+                "it was adapted: record it with the same settings, as a video, and in the same light",
                 self.take.folder, self.camera.name,
             )  # fmt: skip
         # An estimate may show the actor, whose outlines move.

@@ -15,7 +15,7 @@ _GAUGE_LEVELS = (20.0, 245.0)
 _CAST_REACHES = (0.25, 0.1)
 """How far a channel may be from the exposure, and its pixels from each other."""
 _RATIO_BINS = 2048
-_FLICKER_LIMIT = 0.4
+FLICKER_LIMIT = 0.4
 """Largest relative change of exposure that is evened out."""
 
 
@@ -39,7 +39,7 @@ class Gauge:
         places = np.sort(drawn).astype(np.int32)
         return Gauge(places, np.ascontiguousarray(pixels[places]))
 
-    def gains(self, image_bgr: Bytes, limit: float = _FLICKER_LIMIT) -> Levels:
+    def gains(self, image_bgr: Bytes, limit: float = FLICKER_LIMIT) -> Levels:
         """(3,) gains of an image's channels relative to the reference: exposure, white balance.
 
         The exposure is within 1 ± limit. Medians are right while more than half of the picture shows the lit
@@ -57,7 +57,7 @@ class Gauge:
             gains[c] = gain
         return gains
 
-    def evened(self, image_bgr: Bytes, limit: float = _FLICKER_LIMIT) -> Bytes:
+    def evened(self, image_bgr: Bytes, limit: float = FLICKER_LIMIT) -> Bytes:
         """A copy of an image (H, W, 3) in the reference's exposure and white balance."""
         factors = 1 / self.gains(image_bgr, limit)
         return np.asarray(np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8))

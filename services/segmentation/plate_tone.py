@@ -1,6 +1,6 @@
-"""Detects a clean plate of another contrast than the pictures, such as a photograph.
+"""Detects a clean plate of another contrast than the pictures, such as a photograph, or a far darker one.
 
-Exposure and white balance, which are a gain in each channel, are left to services.segmentation.exposure.
+Smaller gains of a channel, of exposure and white balance, are left to services.segmentation.exposure.
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from services.mocap.types import Bytes, Floats
+from services.segmentation.exposure import FLICKER_LIMIT
 from services.segmentation.pixels import Levels
 
 _BINS = 32
@@ -50,8 +51,9 @@ class Tone:
 def plate_tone(plate: Levels, picture: Bytes) -> Tone | None:
     """The tone in which a plate (3, H, W) looks like a picture (H, W, 3).
 
-    None if a gain in each channel explains the picture about as well. Curves are fitted to the medians of
-    pixels that have about the same level in the plate, so that an actor in the picture hardly matters.
+    None if a gain in each channel that exposure.py evens out explains the picture about as well. Curves are
+    fitted to the medians of pixels that have about the same level in the plate, so that an actor in the
+    picture hardly matters.
     """
     known, seen = _smoothed(plate), _smoothed(np.moveaxis(picture, 2, 0))
     parabolas, gains, ends = [], [], []
@@ -68,7 +70,7 @@ def plate_tone(plate: Levels, picture: Bytes) -> Tone | None:
         gains.append(_fitted(x[:, None], y))
         ends.append(x[[0, -1]])
     tone = Tone(np.array(parabolas), np.array(ends))
-    by_gain = known * np.array(gains)[:, :, None]
+    by_gain = known * np.clip(gains, 1 - FLICKER_LIMIT, 1 + FLICKER_LIMIT)[:, :, None]
     better = _share_alike(tone.of(known)[0], seen) - _share_alike(by_gain, seen)
     return tone if better > _WORTH else None
 

@@ -129,5 +129,6 @@ def test_a_plate_of_another_contrast_is_adapted_and_said(
         make_segmenter(take, take.cameras, "clean-plate")
     (sentence,) = [record.getMessage() for record in caplog.records]
     assert sentence.startswith(
-        f"{folder}/background: clean plate of cam02 has another contrast than the videos, to which it was "
+        f"{folder}/background: clean plate of cam02 has another contrast or exposure than the videos, "
+        "to which it was "
     )

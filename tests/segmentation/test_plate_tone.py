@@ -16,6 +16,8 @@ CURVES: dict[str, Callable[[Floats], Floats]] = {
     "limited to full range": lambda levels: (levels - 16) / 0.859,
     "gamma 0.8": lambda levels: 255 * (levels.clip(0) / 255) ** 0.8,
     "gamma 1.25": lambda levels: 255 * (levels.clip(0) / 255) ** 1.25,
+    "half the light": lambda levels: 0.5 * levels,
+    "a brighter day": lambda levels: 1.5 * levels,
 }
 
 

@@ -3,10 +3,12 @@
 <camera>.mp4, or <camera>/ with pictures    the board moved about, the same moments in all cameras
 intrinsics/<camera>.mp4 or <camera>/        the board close before one camera alone, if recorded
 origin/<camera>.mp4, .png or <camera>/      the board lying still where the world's origin shall be
+
+Single pictures elsewhere, such as coverage.png, are no clips.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,44 +51,48 @@ class Clip:
         """False for pictures."""
         return self.path.suffix.lower() in VIDEO_SUFFIXES
 
-    def pictures(self, most: int) -> Iterator[tuple[int, Bytes]]:
-        """At most so many pictures (H, W, 3), evenly spread, with their numbers; raises TakeError if one
-        cannot be read.
+    def numbers(self) -> Sequence[int]:
+        """The pictures' numbers: those at the ends of file names, if all have one, else their positions."""
+        if self.is_video:
+            return range(self.n_frames())
+        files = self._files()
+        ends = [re.search(r"[0-9]+$", file.stem) for file in files]
+        numbers = [int(end[0]) for end in ends if end]
+        return numbers if len(set(numbers)) == len(files) else range(len(files))
 
-        A picture's number is the one at the end of its file name, if all have one, else its position.
-        """
-        every = -(-self.n_frames() // most)
+    def pictures(self, numbers: Collection[int]) -> Iterator[tuple[int, Bytes]]:
+        """The pictures (H, W, 3) of these numbers, with them; raises TakeError if one cannot be read."""
         if self.is_video:
             with VideoReader(self.path) as reader:
-                for frame, picture in enumerate(reader):
-                    if frame % every == 0:
-                        yield frame, picture
+                yield from ((frame, picture) for frame, picture in enumerate(reader) if frame in numbers)
             return
-        for number, file in list(zip(self._numbers(), self._files(), strict=True))[::every]:
-            yield number, read_picture(file)
+        for number, file in zip(self.numbers(), self._files(), strict=True):
+            if number in numbers:
+                yield number, read_picture(file)
 
     def _files(self) -> list[Path]:
         if self.path.is_file():
             return [self.path]
         return sorted(file for file in self.path.iterdir() if file.suffix.lower() in _PICTURES)
 
-    def _numbers(self) -> list[int]:
-        files = self._files()
-        ends = [re.search(r"[0-9]+$", file.stem) for file in files]
-        numbers = [int(end[0]) for end in ends if end]
-        return numbers if len(set(numbers)) == len(files) else list(range(len(files)))
+
+def spread_numbers(clips: Sequence[Clip], most: int) -> frozenset[int]:
+    """At most so many of the numbers of clips' pictures, evenly spread: the same moments in all clips."""
+    numbers = sorted({number for clip in clips for number in clip.numbers()})
+    return frozenset(numbers[:: max(1, -(-len(numbers) // most))])
 
 
 def find_clips(folder: Path) -> list[Clip]:
     """The clips in a folder, sorted by camera; raises CalibrationError if one camera has two."""
     clips: dict[str, Clip] = {}
+    suffixes = (*VIDEO_SUFFIXES, *(_PICTURES if folder.name == ORIGIN else ()))
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.name.startswith(".") or path.name in (INTRINSICS, ORIGIN):
             continue
         if path.is_dir():
             camera, is_clip = path.name, any(file.suffix.lower() in _PICTURES for file in path.iterdir())
         else:
-            camera, is_clip = path.stem, path.suffix.lower() in (*VIDEO_SUFFIXES, *_PICTURES)
+            camera, is_clip = path.stem, path.suffix.lower() in suffixes
         camera = nfc(camera)
         if is_clip and camera in clips:
             raise CalibrationError(

@@ -1,19 +1,22 @@
 """From a folder of board clips to calibrated cameras."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from services.mocap.calibration.board import Board
-from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, check_sizes, find_clips
+from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, check_sizes, find_clips, spread_numbers
 from services.mocap.calibration.detection import Detector, look_through, upright_print
 from services.mocap.calibration.diagnosis import check_prints, check_same_pictures, wrong_markers
+from services.mocap.calibration.known_lenses import check_lens_sizes
 from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
 from services.mocap.calibration.sightings import Sighting, Sightings, is_usable
 from services.mocap.errors import CalibrationError
+from services.mocap.take.video_checks import unsteady_remarks
+from services.mocap.take.video_index import index_video
 
 _MOST_LOOKED_AT = 300
 """Number of pictures in which the board is searched; of longer clips every second, third and so on."""
@@ -42,22 +45,24 @@ def check_clips(folder: Path, level: str | None, *, needs_origin: bool) -> list[
             f"--level {level}: is no camera of {folder}: expected one of {', '.join(names)}"
         )
     check_sizes(folder)
+    remarks = unsteady_remarks([index_video(clip.path) for clip in find_clips(folder) if clip.is_video])
     if not needs_origin:
-        return []
+        return remarks
     there = find_clips(folder / ORIGIN)
     if not there:
         return [
+            *remarks,
             f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
             f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
             "or a picture <camera>.png of the board lying on the floor"
-            f"{'' if level else ', or name a level camera (--level)'}"
+            f"{'' if level else ', or name a level camera (--level)'}",
         ]
     if not any(clip.camera in names for clip in there):
         raise CalibrationError(
             f"{folder / ORIGIN}: {there[0].path.name} belongs to no camera: expected one of "
             f"{', '.join(names)}"
         )
-    return []
+    return remarks
 
 
 def calibrate_clips(
@@ -83,12 +88,13 @@ def calibrate_clips(
         if printed.inverted and not board.inverted:
             remarks.append("the board is printed white on black (inverted = true)")
         board = printed
-    detector, seen = Detector(board), []
+    detector, seen, moments = Detector(board), [], spread_numbers(clips, _MOST_LOOKED_AT)
     for c, clip in enumerate(clips):
         show(f"searching the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
-        seen.append(_sightings(clip, folder, detector, c, len(clips)))
+        seen.append(_sightings(clip, moments, folder, detector, c, len(clips)))
     check_prints(list(zip(clips, seen, strict=True)), board)
     check_same_pictures(seen)
+    check_lens_sizes(known or {}, {sightings.camera: sightings.size_px for sightings in seen})
     remarks += [
         f"{s.camera}: saw the back of the board, as one printed on both sides has it"
         for s in seen
@@ -116,7 +122,7 @@ def _as_printed(board: Board, clips: list[Clip]) -> Board:
     prints = [board.model_copy(update={"inverted": way}) for way in ways]
     looked_at = []
     for clip in clips:
-        samples = [picture for _, picture in clip.pictures(_FIRST_SAMPLES)]
+        samples = [picture for _, picture in clip.pictures(spread_numbers([clip], _FIRST_SAMPLES))]
         for printed in prints:
             if any(Detector(printed).find(picture) for picture in samples):
                 return printed
@@ -128,21 +134,21 @@ def _as_printed(board: Board, clips: list[Clip]) -> Board:
     return board
 
 
-def _sightings(clip: Clip, folder: Path, detector: Detector, camera: int, n_cameras: int) -> Sightings:
-    """All that a camera saw: of its clip, of its own clip for the lens, and of the origin.
+def _sightings(
+    clip: Clip, moments: Collection[int], folder: Path, detector: Detector, camera: int, n_cameras: int
+) -> Sightings:
+    """All that a camera saw: of its clip in some moments, of its own clip for the lens, and of the origin.
 
     Moments of its own clip have negative numbers, which no other camera has: the board was elsewhere in those
     of the others.
     """
 
-    def look(at: Clip, most: int) -> Sightings:
-        return look_through(clip.camera, at.pictures(most), detector)
-
-    seen = look(clip, _MOST_LOOKED_AT)
+    seen = look_through(clip.camera, clip.pictures(moments), detector)
     by_frame = dict(seen.by_frame)
     for kind, most in ((INTRINSICS, _MOST_LOOKED_AT), (ORIGIN, _MOST_OF_ORIGIN)):
         for other in (other for other in find_clips(folder / kind) if other.camera == clip.camera):
-            found = look(other, most)
+            pictures = other.pictures(spread_numbers([other], most))
+            found = look_through(clip.camera, pictures, detector)
             if kind == INTRINSICS:
                 own = {-1 - camera - n_cameras * frame: view for frame, view in found.by_frame.items()}
                 by_frame.update(own)

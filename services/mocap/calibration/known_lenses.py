@@ -1,6 +1,6 @@
 """Lenses from a calibration file of any tool, to be held while cameras are calibrated with a board."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,8 @@ def known_lenses(path: Path, cameras: Sequence[str]) -> dict[str, Intrinsics]:
     """
     there = {camera.name: camera for camera in read_loose(path, needs_pose=False).cameras}
     found = {}
-    for name, match in match_by_name(list(cameras), [Path(name) for name in there]).items():
-        lens = there[str(match)]
+    for name, match in match_by_name(list(cameras), [Path(f"{name}.toml") for name in there]).items():
+        lens = there[match.stem]
         used = np.trim_zeros(lens.distortion, "b")
         if lens.size_px is None:
             raise CalibrationError(f"{path}: {lens.name}: size is missing: expected the pictures' size")
@@ -39,3 +39,17 @@ def known_lenses(path: Path, cameras: Sequence[str]) -> dict[str, Intrinsics]:
             f"{path}: has lenses of {', '.join(there)}: expected those of {', '.join(cameras)}"
         )
     return found
+
+
+def check_lens_sizes(lenses: Mapping[str, Intrinsics], sizes_px: Mapping[str, tuple[int, int]]) -> None:
+    """Raise CalibrationError if a camera's lens is for pictures of another size (width, height) than its own.
+
+    It is not converted: cameras crop their pictures in some modes.
+    """
+    for camera, lens in lenses.items():
+        if lens.size_px != sizes_px[camera]:
+            known, found = ("{}x{}".format(*size) for size in (lens.size_px, sizes_px[camera]))
+            raise CalibrationError(
+                f"--lens: {camera}: the lens is for {known} pixels, but the clip has {found}: record "
+                "clips and take with the settings of the lens, or calibrate lenses with these settings"
+            )

@@ -36,6 +36,11 @@ def _upward(cameras: Sequence[Camera]) -> float:
     return float(np.median([-camera.R_camera_world[1, 2] for camera in cameras]))
 
 
+def _heights_m(cameras: Sequence[Camera]) -> float:
+    """How much the heights of the cameras differ."""
+    return float(np.ptp([camera.centre_world_m[2] for camera in cameras]))
+
+
 def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
     """The mistake of a take.toml whose `up` is not the world's: cameras (z-up) that lie on their sides."""
     other: Up = "y" if up == "z" else "z"
@@ -43,8 +48,9 @@ def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
     looks_down = np.median([camera.R_camera_world[2, 2] for camera in cameras]) < _FROM_ABOVE
     if looks_down or _upward(cameras) > _NOT_UPRIGHT:
         return None
-    if _upward([camera.with_world_turned(turn) for camera in cameras]) < _UPRIGHT:
-        return None
+    turned = [camera.with_world_turned(turn) for camera in cameras]
+    if _upward(turned) < _UPRIGHT or _heights_m(turned) > _heights_m(cameras):
+        return None  # cameras that are turned by a quarter turn stand at about one height
     return Mistake(
         "take.toml: up",
         f'the cameras stand upright if "{other}" is up, and lie on their sides with "{up}"',

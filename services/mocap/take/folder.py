@@ -16,7 +16,7 @@ from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError, validated
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take import layout
-from services.mocap.take.pictures import check_png, read_picture, read_trimap, read_trimaps
+from services.mocap.take.pictures import check_greys, check_png, read_picture, read_trimaps
 from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name, unused_remarks
 from services.mocap.take.settings import TakeFile, TakeSettings, read_take_file
 from services.mocap.take.tables import read_joints_csv
@@ -37,6 +37,8 @@ from services.mocap.types import Bytes, Trimap
 Source = Literal["videos", "silhouettes"]
 
 
+_LOOKED_AT = 9
+"""Of a camera's silhouettes, to tell whether they use the expected greys."""
 _MOST_OF_MEDIAN = 2
 """How many times as large as the median camera's pictures others may be: with one of three cameras 4 times as
 large, joints were 29 mm off those of equal ones, and 7 mm with one twice as large."""
@@ -188,7 +190,11 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     if source == "videos":
         side_by_side(lambda camera: _check_is_recorded(folder, camera, videos, plates, decoded), cameras)
     indices = {name: index_video(videos[name]) for name in names if name in videos}
-    settings = _completed(folder, said, names, source, indices)
+    recordings, lengths = videos, {name: index.n_frames for name, index in indices.items()}
+    if source == "silhouettes":
+        recordings = {name: layout.silhouette_folder(folder, name) for name in names}
+        lengths = {name: len(files_of(path, (".png",))) for name, path in recordings.items()}
+    settings = _completed(folder / layout.SETTINGS, said, lengths, indices)
     colours = read_colours(folder / layout.COLOURS, names)
     take = Take(folder, settings, cameras, source, colours, videos, plates)
     for camera in cameras:
@@ -196,7 +202,8 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
             _check_silhouettes(take, camera, said.frames)
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
-    cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
+    of_paths = {recordings[name]: length for name, length in lengths.items()}
+    cut = cut_remark(of_paths, settings, is_stated=said.frames is not None) if in_step else None
     drift = drift_remark(indices, settings, is_stated=said.fps is not None) if in_step else None
     if decoded:
         side_by_side(
@@ -237,17 +244,20 @@ def _find_plates(folder: Path, names: list[str]) -> dict[str, Path]:
 
 
 def _completed(
-    folder: Path, said: TakeFile, names: list[str], source: Source, indices: Mapping[str, VideoIndex]
+    path: Path, said: TakeFile, lengths: Mapping[str, int], indices: Mapping[str, VideoIndex]
 ) -> TakeSettings:
     """The settings, with the frame rate and the shortest recording's length where take.toml states none.
 
-    Raises TakeError where other fields do not fit the number of frames.
+    path: take.toml. lengths: of the recordings, by camera. Raises TakeError where other fields do not fit the
+    number of frames.
     """
-    lengths = {name: index.n_frames for name, index in indices.items()}
-    if source == "silhouettes":
-        lengths = {name: len(files_of(layout.silhouette_folder(folder, name), (".png",))) for name in names}
+    for name, length in lengths.items():
+        if 0 < length <= said.offset(name):
+            raise TakeError(
+                f"{path}: offsets: {name}: is {said.offset(name)}, but the camera has {length} frames: "
+                "expected less than that"
+            )
     frames = min(length - said.offset(name) for name, length in lengths.items())
-    path = folder / layout.SETTINGS
     fps = said.fps or rate_of(list(indices.values()), path)
     known = {"fps": fps, "frames": said.frames or max(1, frames)}
     return validated(TakeSettings, said.model_dump() | known, f"{path}: ", TakeError)
@@ -262,13 +272,15 @@ def _check_silhouettes(take: Take, camera: Camera, stated: int | None) -> None:
             f"{layout.SILHOUETTES} at all"
         )
     ahead = take.settings.offset(camera.name)
-    for frame in range(ahead, ahead + take.settings.frames):
+    frames = range(ahead, ahead + take.settings.frames)
+    for frame in frames:
         path = layout.silhouette_path(folder, frame)
         if not path.exists():
             expected = _silhouettes_expected(folder, ahead, stated)
             raise TakeError(f"{path}: is missing: expected a silhouette for {expected}")
         check_png(path, camera)
-    read_trimap(layout.silhouette_path(folder, ahead), take.settings.unsure)
+    looked_at = frames[:: -(-len(frames) // _LOOKED_AT)]
+    check_greys([layout.silhouette_path(folder, frame) for frame in looked_at])
 
 
 def _silhouettes_expected(folder: Path, ahead: int, stated: int | None) -> str:

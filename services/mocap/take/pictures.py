@@ -73,20 +73,25 @@ def _size_remedy(width_px: int, height_px: int, camera: Camera, is_turned: bool)
 def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
     """(H, W): unsure where the grey is in the range `unsure`, else actor where it is above 127.
 
-    unsure: the lowest and the highest unsure grey, or empty. Raises TakeError if the file cannot be decoded
-    or seems to use other greys.
+    unsure: the lowest and the highest unsure grey, or empty. The opacity of a picture that is transparent
+    somewhere takes the place of its grey. Raises TakeError if the file cannot be decoded.
     """
-    grey = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    grey = _matte(path)
     meanings: Trimap = np.where(np.arange(256) > _THRESHOLD, ACTOR, BACKGROUND).astype(np.uint8)
     if unsure:
         meanings[unsure[0] : unsure[1] + 1] = UNSURE
-    trimap = np.asarray(cv2.LUT(grey, meanings), np.uint8)
-    brightest = int(grey.max())
-    if brightest > 0 and not trimap.any():
+    return np.asarray(cv2.LUT(grey, meanings), np.uint8)
+
+
+def check_greys(paths: Sequence[Path]) -> None:
+    """Raise TakeError if some of a camera's silhouettes seem to use other greys: all that show anything are
+    below the actor's."""
+    brightest = {path: int(_matte(path).max()) for path in paths}
+    path = max(brightest, key=lambda path: brightest[path])
+    if 0 < brightest[path] <= _THRESHOLD:
         raise TakeError(
-            f"{path}: its brightest grey is {brightest}: expected 0 outside the actor, 255 inside"
+            f"{path}: its brightest grey is {brightest[path]}: expected 0 outside the actor, 255 inside"
         )
-    return trimap
 
 
 def read_silhouette(path: Path) -> Mask:
@@ -128,6 +133,14 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
+def _matte(path: Path) -> Bytes:
+    """(H, W) the greys of a picture; its opacity, if it is transparent somewhere."""
+    picture = _decoded(path, cv2.IMREAD_UNCHANGED)
+    if picture.ndim == 3 and picture.shape[2] == 4 and picture[..., 3].min() < 255:
+        return np.ascontiguousarray(picture[..., 3])
+    return picture if picture.ndim == 2 else _decoded(path, cv2.IMREAD_GRAYSCALE)
+
+
 def _decoded(path: Path, flag: int) -> Bytes:
     try:
         picture = cv2.imdecode(np.frombuffer(_bytes(path), np.uint8), flag)
@@ -135,7 +148,7 @@ def _decoded(path: Path, flag: int) -> Bytes:
         picture = None
     if picture is None:
         raise TakeError(f"{path}: cannot be decoded as a picture: {_AGAIN}")
-    return np.asarray(picture, np.uint8)
+    return np.asarray(picture // 256 if picture.dtype == np.uint16 else picture, np.uint8)
 
 
 def _chunks_are_whole(data: bytes) -> bool:

@@ -60,20 +60,16 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
     frames = settings.frames + ahead
     if index.n_frames < frames:
         begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
-        raise TakeError(
-            f"{index.path}: has {index.n_frames} frames, but {layout.SETTINGS} says frames = "
-            f"{settings.frames}{begin}: lower that number or record the camera again"
-        )
+        claim = f"{layout.SETTINGS} says frames = {settings.frames}{begin}: lower that number"
+        if said.frames is None:
+            enough = f"state frames = {index.n_frames - ahead} in {layout.SETTINGS}"
+            claim = f"there are silhouettes of {frames}: {enough}"
+        raise TakeError(f"{index.path}: has {index.n_frames} frames, but {claim} or record the camera again")
     if frames < 2:
         return
     gaps_s = np.diff(index.times_s[:frames])
-    late = np.flatnonzero(gaps_s > _LARGEST_GAP * np.median(gaps_s))
-    if late.size:
-        raise TakeError(
-            f"{index.path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
-            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate "
-            f"({_CONVERSION.format(settings.fps)})"
-        )
+    if (gap := _gap_in(index, frames, settings.fps)) is not None:
+        raise TakeError(gap)
     fps, error_s = 1 / gaps_s.mean(), gaps_s.sum() - (frames - 1) / settings.fps
     if abs(fps / settings.fps - 1) > _LARGEST_RATE_ERROR and abs(error_s) > _ROUNDING_S:
         if said.fps is None:
@@ -85,6 +81,33 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
             f"{index.path}: runs at {fps:.4g} frames per second, but {layout.SETTINGS} says fps = "
             f"{settings.fps:g}: correct that number or convert the video"
         )
+
+
+def _gap_in(index: VideoIndex, frames: int, fps: float) -> str | None:
+    """A sentence about the first gap between a video's first frames; None if it has none."""
+    gaps_s = np.diff(index.times_s[:frames])
+    late = np.flatnonzero(gaps_s > _LARGEST_GAP * np.median(gaps_s))
+    if not late.size:
+        return None
+    return (
+        f"{index.path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
+        f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate ({_CONVERSION.format(fps)})"
+    )
+
+
+def unsteady_remarks(indices: Sequence[VideoIndex]) -> list[str]:
+    """A remark for each video that has gaps or another rate than the first, if frames of one number should
+    show one moment."""
+    long = [index for index in indices if index.n_frames > 1]
+    rates = [float(1 / np.median(np.diff(index.times_s))) for index in long]
+    gaps = [_gap_in(index, index.n_frames, rate) for index, rate in zip(long, rates, strict=True)]
+    others = [
+        f"{index.path}: runs at {rate:.4g} frames per second, but {long[0].path.name} at {rates[0]:.4g}: "
+        f"convert one of them ({_CONVERSION.format(rates[0])})"
+        for index, rate in zip(long, rates, strict=True)
+        if abs(rate / rates[0] - 1) > _LARGEST_RATE_ERROR
+    ]
+    return [*(gap for gap in gaps if gap is not None), *others]
 
 
 def drift_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool) -> str | None:
@@ -116,29 +139,28 @@ def _fitted_rate(index: VideoIndex, start: int, frames: int) -> float:
     return 1 / float(np.polyfit(np.arange(frames), index.times_s[start : start + frames], 1)[0])
 
 
-def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool) -> str | None:
-    """A remark if videos have different lengths, by camera; raises TakeError if the difference is large.
+def cut_remark(lengths: Mapping[Path, int], settings: TakeSettings, *, is_stated: bool) -> str | None:
+    """A remark if recordings have different lengths in frames; raises TakeError if the difference is large.
 
-    is_stated: whether take.toml states how many frames are used; then videos may be longer by any number.
+    lengths: by video, or folder of silhouettes. is_stated: whether take.toml states how many frames are used;
+    then recordings may be longer by any number.
     """
-    ordered = sorted(indices.values(), key=lambda index: index.n_frames)
-    if settings.offsets or not ordered or ordered[0].n_frames == ordered[-1].n_frames:
+    ordered = sorted(lengths, key=lambda path: lengths[path])
+    if settings.offsets or not ordered or lengths[ordered[0]] == lengths[ordered[-1]]:
         return None
     short, long = ordered[0], ordered[-1]
-    lacking = f"{short.path}: has {short.n_frames} frames"
-    limit = long.n_frames - max(_FEWEST_CUT, _FEW_S * settings.fps)
-    if not is_stated and short.n_frames < limit:
-        also = "".join(
-            f", {index.path.name} {index.n_frames}" for index in ordered[1:] if index.n_frames < limit
-        )
+    lacking = f"{short}: has {lengths[short]} frames"
+    limit = lengths[long] - max(_FEWEST_CUT, _FEW_S * settings.fps)
+    if not is_stated and lengths[short] < limit:
+        also = "".join(f", {path.name} {lengths[path]}" for path in ordered[1:] if lengths[path] < limit)
         raise TakeError(
-            f"{lacking}{also}, but {long.path.name} has {long.n_frames}: cut all videos to the same moments, "
-            "run xormocap sync, or, if they begin at the same moment, use the frames that all have by "
-            f"frames = {short.n_frames} in {layout.SETTINGS}"
+            f"{lacking}{also}, but {long.name} has {lengths[long]}: cut all cameras to the same moments, run "
+            "xormocap sync, or, if they begin at the same moment, use the frames that all have by "
+            f"frames = {lengths[short]} in {layout.SETTINGS}"
         )
     return (
-        f"{lacking}, but {long.path.name} has {long.n_frames}: the first {settings.frames} frames of each "
-        "are used; if the cameras did not start together, run xormocap sync"
+        f"{lacking}, but {long.name} has {lengths[long]}: the first {settings.frames} frames of each are "
+        "used; if the cameras did not start together, run xormocap sync"
     )
 
 

@@ -9,11 +9,12 @@ from scipy.spatial.distance import pdist
 from board_stage import FLAT, picture, ring, shown_to_neighbours, sightings_of
 from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.detection import Detector
-from services.mocap.calibration.known_lenses import known_lenses
+from services.mocap.calibration.known_lenses import check_lens_sizes, known_lenses
 from services.mocap.calibration.remarks import remarks_on_views
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, solve_rig
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import CalibrationError
 from services.mocap.types import Bytes
 
 BOARD = Board(columns=5, rows=7, square_m=0.2, marker_m=0.15, dictionary="4x4_50")
@@ -64,6 +65,11 @@ def test_known_lenses_are_held_and_an_origin_is_not_needed(tmp_path: Path) -> No
     path = tmp_path / "lenses.toml"
     write_calibration(path, tuple(scene.cameras), "z")
     known = known_lenses(path, [camera.name for camera in scene.cameras])
+    check_lens_sizes(known, dict.fromkeys(known, (1200, 900)))
+    with pytest.raises(
+        CalibrationError, match="cam03: the lens is for 1200x900 pixels, but the clip has 8x6:"
+    ):
+        check_lens_sizes(known, {camera: (8, 6) if camera == "cam03" else (1200, 900) for camera in known})
     solution = solve_rig(seen, BOARD, "normal", quiet, known, level="cam02")
     for found, true in zip(solution.cameras, scene.cameras, strict=True):
         np.testing.assert_array_equal(found.K, true.K)

@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from services.mocap.calibration.clips import find_clips
+from services.mocap.calibration.clips import Clip, find_clips, spread_numbers
 from services.mocap.take.recordings import VIDEO_SUFFIXES
+from services.mocap.take.writer import write_picture
 
 
 @pytest.mark.parametrize("suffix", [*VIDEO_SUFFIXES, ".MTS"])
@@ -20,3 +22,27 @@ def test_a_camera_is_named_as_it_would_be_typed(tmp_path: Path) -> None:
     """macOS takes ü apart in file names."""
     (tmp_path / "Su\u0308d.mp4").touch()
     assert [clip.camera for clip in find_clips(tmp_path)] == ["S\u00fcd"]
+
+
+def test_pictures_beside_clips_are_no_cameras(tmp_path: Path) -> None:
+    """coverage.png, which calibrate writes there; thumbnails."""
+    (tmp_path / "origin").mkdir()
+    for name in ("cam1.mp4", "cam2.mp4", "cam1.jpg", "coverage.png", "origin/cam1.png"):
+        (tmp_path / name).touch()
+    assert [clip.path.name for clip in find_clips(tmp_path)] == ["cam1.mp4", "cam2.mp4"]
+    assert [clip.path.name for clip in find_clips(tmp_path / "origin")] == ["cam1.png"]
+
+
+def test_all_clips_are_searched_in_the_same_moments(tmp_path: Path) -> None:
+    """Also if one of them lacks a picture, or is longer."""
+    clips = [Clip(name, tmp_path / name) for name in ("cam1", "cam2")]
+    for clip, numbers in zip(clips, (range(40), [*range(3, 17), *range(18, 45)]), strict=True):
+        clip.path.mkdir()
+        for number in numbers:
+            write_picture(clip.path / f"img{number:03d}.png", np.full((4, 6), number, np.uint8))
+    moments = spread_numbers(clips, 20)
+    assert moments == set(range(0, 45, 3))
+    for clip in clips:
+        seen = {number: int(picture[0, 0, 0]) for number, picture in clip.pictures(moments)}
+        assert seen == {number: number for number in moments if number in clip.numbers()}
+    assert len(moments & set(clips[0].numbers()) & set(clips[1].numbers())) == 13

@@ -315,3 +315,19 @@ def test_another_tools_file_as_calibration_toml_is_answered_with_the_line_to_typ
     )
     as_caliscope(folder).rename(folder / "calibration.toml")
     assert "xormocap calibrate --import" in refusal(folder)
+
+
+@pytest.mark.parametrize(
+    ("written", "is_fisheye"), [("False", False), ("no", False), ("1", True), ("TRUE", True)]
+)
+def test_a_fisheye_lens_and_rows_of_a_matrix_in_an_opencv_file(
+    tmp_path: Path, written: str, is_fisheye: bool
+) -> None:
+    path = tmp_path / "cam1.yml"
+    path.write_text(
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nK: [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\n"
+        f"dist: [0.1, 0.0, 0.0, 0.0]\nrvec: [0.1, 0.2, 0.3]\ntvec: [0, 0, 3]\nfisheye: {written}\n"
+    )
+    (found,) = read_loose(path).cameras
+    assert found.fisheye == is_fisheye
+    assert found.K.tolist() == [[600, 0, 320], [0, 600, 240], [0, 0, 1]]

@@ -3,6 +3,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
+import cv2
 import numpy as np
 import pytest
 
@@ -40,9 +41,9 @@ def _no_png(path: Path) -> None:
     path.write_bytes(b"GIF89a")
 
 
-def _leave_frames_to_the_files(folder: Path) -> None:
+def _leave_frames_to_the_files(folder: Path, frames: int = 4) -> None:
     settings = folder / "take.toml"
-    settings.write_text(settings.read_text().replace("frames = 4\n", ""))
+    settings.write_text(settings.read_text().replace(f"frames = {frames}\n", ""))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,6 @@ def _leave_frames_to_the_files(folder: Path) -> None:
         (_cut, 3, "is damaged or cut off: export it again"),
         (_flip_a_bit, 1, "is damaged or cut off: export it again"),
         (_no_png, 1, "is not a PNG file: expected a PNG of 64x48 pixels"),
-        (_zeros_and_ones, 0, "its brightest grey is 1: expected 0 outside the actor, 255 inside"),
         (
             _other_size,
             2,
@@ -69,6 +69,52 @@ def test_a_bad_silhouette(
     folder = small_take(source="silhouettes")
     spoil(folder / f"silhouettes/cam02/00000{frame}.png")
     assert refusal(folder) == f"silhouettes/cam02/00000{frame}.png: {expected}"
+
+
+def test_silhouettes_of_other_greys(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(source="silhouettes")
+    for frame in range(4):
+        write_picture(folder / f"silhouettes/cam02/00000{frame}.png", np.full((48, 64), frame > 0, np.uint8))
+    assert refusal(folder) == (
+        "silhouettes/cam02/000001.png: its brightest grey is 1: expected 0 outside the actor, 255 inside"
+    )
+
+
+def test_a_soft_matte_of_nobody_is_empty(small_take: SmallTake) -> None:
+    folder = small_take(source="silhouettes")
+    for frame in (0, 2):
+        write_picture(folder / f"silhouettes/cam02/00000{frame}.png", np.full((48, 64), 60, np.uint8))
+    take = open_take(folder)
+    assert [trimap.any() for trimap in take.trimaps(take.cameras[1], 0, 4)] == [False, True, False, True]
+
+
+def test_a_cut_out_is_where_it_is_opaque(small_take: SmallTake) -> None:
+    folder = small_take(source="silhouettes")
+    cut_out = np.full((48, 64, 4), 255, np.uint8)
+    cut_out[..., 3] = 0
+    cut_out[10:20, 5:9] = 10, 10, 30, 255  # dark clothes
+    write_picture(folder / "silhouettes/cam02/000001.png", cut_out)
+    take = open_take(folder)
+    (trimap,) = take.trimaps(take.cameras[1], 1, 2)
+    np.testing.assert_array_equal(trimap == ACTOR, cut_out[..., 3] == 255)
+
+
+def test_16_bit_greys(small_take: SmallTake) -> None:
+    folder = small_take(source="silhouettes")
+    deep = np.zeros((48, 64), np.uint16)
+    deep[10:20], deep[30] = 65535, 120 * 256  # the latter is 120 of 255
+    cv2.imwrite(str(folder / "silhouettes/cam02/000001.png"), deep)
+    take = open_take(folder)
+    (trimap,) = take.trimaps(take.cameras[1], 1, 2)
+    np.testing.assert_array_equal(trimap == ACTOR, deep == 65535)
+
+
+def test_silhouettes_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(source="silhouettes", frames=8)
+    _leave_frames_to_the_files(folder, 8)
+    for frame in range(4, 8):
+        (folder / f"silhouettes/cam02/00000{frame}.png").unlink()
+    assert refusal(folder).startswith("silhouettes/cam02: has 4 frames, but cam01 has 8: cut all cameras to")
 
 
 def test_a_camera_without_silhouettes_among_others(small_take: SmallTake, refusal: Refusal) -> None:

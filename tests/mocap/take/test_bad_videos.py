@@ -1,6 +1,7 @@
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 from services.mocap.take.folder import open_take
+from services.mocap.take.video_checks import unsteady_remarks
+from services.mocap.take.video_index import index_video
 from services.mocap.take.writer import video_writer
 
 SmallTake: TypeAlias = Callable[..., Path]
@@ -56,13 +59,49 @@ def leave_to_videos(folder: Path, line: str) -> None:
     (folder / "take.toml").write_text(text.replace(f"{line}\n", ""))
 
 
+def test_an_offset_beyond_the_end(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take()
+    leave_to_videos(folder, "frames = 4")
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text() + "[offsets]\ncam02 = 4\n")
+    assert refusal(folder) == (
+        "take.toml: offsets: cam02: is 4, but the camera has 4 frames: expected less than that"
+    )
+
+
+def test_a_video_that_is_shorter_than_the_silhouettes(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(source="silhouettes")
+    leave_to_videos(folder, "frames = 4")
+    rewrite_video(folder / "videos/cam01.mp4", 3)
+    assert refusal(folder) == (
+        "videos/cam01.mp4: has 3 frames, but there are silhouettes of 4: state frames = 3 in take.toml or "
+        "record the camera again"
+    )
+
+
+def test_clips_that_do_not_show_one_moment_in_each_frame(small_take: SmallTake) -> None:
+    folder = small_take(n_cameras=4)
+    rewrite_video(folder / "videos/cam02.mp4", 4, fps=12.0)
+    indices = [index_video(folder / f"videos/cam0{c}.mp4") for c in (1, 2, 3, 4)]
+    indices[2] = replace(indices[2], times_s=indices[2].times_s + np.array([0.0, 0.0, 0.1, 0.1]))
+    gap, rate = unsteady_remarks(indices)
+    assert gap == (
+        f"{folder}/videos/cam03.mp4: lacks frames between its frames 1 and 2, which are 0.200 s apart: "
+        "convert it to a constant frame rate (ffmpeg -i IN -vf fps=10 OUT)"
+    )
+    assert rate == (
+        f"{folder}/videos/cam02.mp4: runs at 12 frames per second, but cam01.mp4 at 10: convert one of them "
+        "(ffmpeg -i IN -vf fps=10 OUT)"
+    )
+
+
 def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take(n_cameras=4)
     leave_to_videos(folder, "frames = 4")
     for camera, frames in ("cam01", 9), ("cam02", 9), ("cam03", 5):
         rewrite_video(folder / f"videos/{camera}.mp4", frames)
     assert refusal(folder) == (
-        "videos/cam04.mp4: has 4 frames, cam03.mp4 5, but cam02.mp4 has 9: cut all videos to the same "
+        "videos/cam04.mp4: has 4 frames, cam03.mp4 5, but cam02.mp4 has 9: cut all cameras to the same "
         "moments, run xormocap sync, or, if they begin at the same moment, use the frames that all have by "
         "frames = 4 in take.toml"
     )

@@ -81,7 +81,7 @@ def _camera(path: Path) -> LooseCamera:
         R=rotation_of(rotation, f"{path}: R"),
         t=array_of(translation, (3,), f"{path}: T"),
         size_px=_size(storage, _WIDTH, _HEIGHT),
-        fisheye=storage.first(("fisheye",)) not in (None, 0, "false"),
+        fisheye=str(storage.first(("fisheye",))).lower() in ("1.0", "true", "yes"),
     )
 
 
@@ -114,6 +114,12 @@ def _plain(name: str) -> str:
     return name.lower().replace("_", "")
 
 
+def _numbers(node: Any) -> list[float]:
+    """The numbers of a sequence, row by row if it has rows."""
+    items = [node.at(i) for i in range(node.size())]
+    return [number for item in items for number in (_numbers(item) if item.isSeq() else [item.real()])]
+
+
 class _Storage:
     """A file's values by name."""
 
@@ -136,7 +142,7 @@ class _Storage:
             matrix = node.mat()
             return None if matrix is None else np.asarray(matrix, np.float64)
         if node.isSeq():
-            return np.array([node.at(i).real() for i in range(node.size())])
+            return np.array(_numbers(node))
         return str(node.string()) if node.isString() else float(node.real())
 
     def need(self, names: tuple[str, ...]) -> Floats | float | str:
