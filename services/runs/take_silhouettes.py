@@ -96,7 +96,7 @@ def seen_of(
     """
     trimaps = trimaps_of(take, frames, segmenter, progress)
     rig = Rig.of(take.cameras)
-    places = NOWHERE
+    places, as_seen = NOWHERE, trimaps[0].copy()
     if posed is not None:
         actor, poses = posed
         places = Places(poses[0, FLOOR_PLACE])
@@ -105,14 +105,16 @@ def seen_of(
                 seen = without_others(model, pack_trimaps(trimaps[f]), pose)
                 trimaps[f] = unpack_trimaps(seen, rig.n_cameras)
     names, first = take.camera_names, trimaps[0]
-    look = look_first(rig, first == ACTOR, names, first != BACKGROUND, places)
+    others = (as_seen == ACTOR) & (first != ACTOR)
+    look = look_first(rig, first == ACTOR, names, first != BACKGROUND, places, others)
     for remark in look.remarks:
         log.warning("%s", remark)
     if look.two is not None and posed is not None:
         trimaps[0] = unpack_trimaps(look.alone(pack_trimaps(first)), rig.n_cameras)
     elif look.two is not None:
         trimaps = _of_actor(rig, trimaps, look.two, look.left_out)
-    chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
+    left_out = set(look.left_out) - set(look.hidden_by_others)
+    chosen = [c for c in range(len(take.cameras)) if c not in left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
     cut = trimaps[:, chosen, :height_px, :width_px]

@@ -14,6 +14,10 @@ from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, T
 
 _Pixel = TypeVar("_Pixel", np.bool_, np.uint8)
 CAMERAS_PER_PLANE = 8
+FULL_SHARE = 0.75
+"""Share of a picture; a silhouette that covers more cannot be an actor's."""
+_SAMPLED_PX = 8
+"""Distance of the pixels that tell how much of a picture is white."""
 CLASS_BITS = 3
 """Buffers that hold a colour class, a number from 0 to 7, of every pixel."""
 _BITS: Ints = (np.arange(256)[:, None] >> np.arange(CAMERAS_PER_PLANE) & 1).astype(np.int32)
@@ -90,15 +94,22 @@ class TriPlanes:
     def __getitem__(self, frames: int | Ints) -> "TriPlanes":
         return TriPlanes(self.silhouettes[frames], self.unsure[frames])
 
-    def doubting_empty(self, n_cameras: int) -> "TriPlanes":
-        """The same frame (P, H, W), in which a camera that shows nobody is all unsure if two others show
-        somebody: the actor is out of its sight, or its silhouettes failed."""
+    def doubting_failed(self, sizes_px: Ints) -> "TriPlanes":
+        """The same frame (P, H, W), in which a camera that shows nobody, or is white nearly all over, is all
+        unsure if two others show somebody: the actor is out of its sight, or its silhouettes failed.
+
+        sizes_px: (C, 2) width and height of each camera's pictures.
+        """
         shown = np.bitwise_or.reduce(self.silhouettes, axis=(1, 2))
-        is_empty = np.array([not camera_bit(shown, c) for c in range(n_cameras)])
-        if not is_empty.any() or n_cameras - is_empty.sum() < 2:
+        has_failed = np.array([not camera_bit(shown, c) for c in range(len(sizes_px))])
+        sampled = self.silhouettes[:, ::_SAMPLED_PX, ::_SAMPLED_PX]
+        for c, (width_px, height_px) in enumerate(sizes_px):
+            white_px = _SAMPLED_PX**2 * np.count_nonzero(camera_bit(sampled, c))
+            has_failed[c] |= white_px > FULL_SHARE * width_px * height_px
+        if not has_failed.any() or len(sizes_px) - has_failed.sum() < 2:
             return self
         shape_px = self.silhouettes.shape[1:]
-        doubted = pack(np.broadcast_to(is_empty[:, None, None], (n_cameras, *shape_px)))
+        doubted = pack(np.broadcast_to(has_failed[:, None, None], (len(sizes_px), *shape_px)))
         return self.doubting(doubted)
 
     def doubting(self, doubted: Bytes) -> "TriPlanes":

@@ -13,7 +13,6 @@ import numpy as np
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import Chosen, PathSearch
 from services.mocap.search.elsewhere import look_elsewhere
 from services.mocap.search.first_pose import find_first_pose
@@ -21,19 +20,16 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import align_alone
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import find_others, without_others
+from services.mocap.search.other_people import without_others
 from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
-from services.mocap.search.tracker import FLOOR_PLACE, Tracker, is_far, unless_far, whole_person
+from services.mocap.search.tracker import ELSEWHERE_M, FLOOR_PLACE, Tracker, is_far, unless_far, whole_person
 from services.mocap.search.two_people import Places
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
 """How often limbs that are not sure are searched far on the way back."""
-
-_ELSEWHERE_M = 0.5
-"""Somebody so far from the actor is somebody else."""
 
 Sweep: TypeAlias = Literal["tracking back", "settling"]
 """What is done to all frames in turn: track them back; solve each again from the best path."""
@@ -132,7 +128,7 @@ def _is_somebody_else(model: Model, seen: TriPlanes, back: Floats, forward: Floa
     """Whether a frame (P, H, W) shows others besides who has the pose (D,) of the way forward, and that of
     the way back is far from it: who the actor is, the first frame tells."""
     away_m = np.linalg.norm(back[FLOOR_PLACE] - forward[FLOOR_PLACE])
-    return bool(away_m > _ELSEWHERE_M) and find_others(model, seen, forward)[1] is not None
+    return bool(away_m > ELSEWHERE_M) and without_others(model, seen, forward) is not seen
 
 
 def _without_others(model: Model, seen: TriPlanes, one: Floats, other: Floats) -> TriPlanes:
@@ -153,6 +149,5 @@ def found_anew(
         return pose
     hull, alone = found
     facing_rad = float(pose[DOF_INDEX["root_heading"]])
-    return find_first_pose(
-        model, Picture.of_frame(model.rig, alone), hull, limbs, settings, facing_rad
-    ).solution.pose
+    picture = model.picture_of(alone)
+    return find_first_pose(model, picture, hull, limbs, settings, facing_rad).solution.pose

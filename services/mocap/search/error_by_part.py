@@ -45,7 +45,7 @@ class ErrorByPart:
     """The same by the part that each pixel is nearest to; the sum is the total."""
     iou: list[float]
     """Intersection over union of model and input in each camera; 1 if both are empty, 0 if the model is
-    in a picture that is all unsure (TriPlanes.doubting_empty)."""
+    in a picture that is all unsure (TriPlanes.doubting_failed)."""
 
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:

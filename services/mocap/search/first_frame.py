@@ -88,7 +88,7 @@ class FirstFrameSearch:
         n_cameras = self.rig.n_cameras
         if actor is not None and fitted_pose is not None:
             model = self._model_of(actor)
-            picture = Picture.of_frame(self.rig, without_others(model, seen, fitted_pose))
+            picture = model.picture_of(without_others(model, seen, fitted_pose))
             limbs = self.pool(model, actor)
             solution = solve_frame(model, picture, fitted_pose[None], self.settings, limbs)
             return FirstFrame(actor, model, FirstPose(solution))

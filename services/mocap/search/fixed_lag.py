@@ -5,7 +5,7 @@ too: a limb that was lost, and that shows again within this moment, is found on 
 doubtful part stay as they are.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from services.mocap.energy.bitplanes import TriPlanes
@@ -77,11 +77,10 @@ class FixedLag:
         if not self._is_worth_it(frames, n_settled):
             yield from self.unchanged(n_settled)
             return
-        frames = [self._alone(frame) for frame in frames]
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
         path = PathSearch(self._model, self._settings)
         trust.recall(frames[0].memory)
-        yield from self._track_back(frames, path)
+        frames = yield from self._track_back(frames, path)
         for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
             yield Step("settling", self._first_frame)
             solution = self._solve(frame, chosen.pose[None], trust)
@@ -105,19 +104,23 @@ class FixedLag:
         parts = [part for frame in frames[:n_settled] for part in frame.solution.distrusted]
         return bool(parts) and not any(frame.solution.is_lost for frame in frames)
 
-    def _track_back(self, frames: list[Tracked], path: PathSearch) -> Iterator[Step]:
+    def _track_back(self, frames: list[Tracked], path: PathSearch) -> Generator[Step, None, list[Tracked]]:
         """Track from the last of some frames to the first, and add both ways to a path, which leads to the
-        frame that was settled last."""
+        frame that was settled last; returns the frames, in which other people are unsure."""
         trust = PartConfidence(self._model.rig, self._settings.doubt_px)
-        poses = [frames[-1].solution.pose]
-        path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
+        last = self._alone(frames[-1])
+        poses, alone = [last.solution.pose], [last]
+        path.add(last.seen, poses[0], poses[0], last.absent)
         for k in reversed(range(len(frames) - 1)):
             yield Step("tracking back", self._first_frame + k)
-            poses.append(self._solve(frames[k], extrapolated(poses[-2:]), trust).pose)
-            path.add(frames[k].seen, frames[k].solution.pose, poses[-1], frames[k].absent)
+            frame = self._alone(frames[k])
+            alone.append(frame)
+            poses.append(self._solve(frame, extrapolated(poses[-2:]), trust).pose)
+            path.add(frame.seen, frame.solution.pose, poses[-1], frame.absent)
         if self._before is not None:
             pose = self._before.solution.pose
             path.add(self._alone(self._before).seen, pose, pose, self._before.absent)
+        return alone[::-1]
 
     def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
         picture, settings = self._model.without_cameras(frame.seen, frame.absent, self._settings)

@@ -48,8 +48,9 @@ class Model:
         return picture, settings.without_cameras(absent, self.rig.n_cameras)
 
     def picture_of(self, seen: TriPlanes) -> Picture:
-        """A frame (P, H, W) to track, in which cameras that show nobody while others do count for nothing."""
-        return Picture.of_frame(self.rig, seen.doubting_empty(self.rig.n_cameras))
+        """A frame (P, H, W) to track, in which cameras that show nobody or are white, while others show
+        somebody, count for nothing."""
+        return Picture.of_frame(self.rig, seen.doubting_failed(self.rig.sizes_px))
 
     def counts_colours(self, picture: Picture, price: float) -> bool:
         """Whether pixels of a picture can have a wrong colour class that costs something."""

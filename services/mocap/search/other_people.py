@@ -31,7 +31,9 @@ _MUCH = 0.1
 """Share of the silhouette near the expected pose: where two cameras see more elsewhere, there is somebody
 else."""
 _AROUND_M, _VOXEL_M = 1.8, 0.06
-"""Half the side of the cube in which others are looked for, and the distance of its points."""
+"""Half the side of the cube in which others are told apart, and the distance of its points."""
+_FAR_M, _FAR_VOXEL_M = 4.0, 0.25
+"""The same of the cube in which others are found who are farther away."""
 _MANY_CAMERAS = 5
 """With so many, one more may miss a point that is surely the actor's: furniture may hide it there."""
 _ON_PX, _AROUND_PX = 3, 6
@@ -57,7 +59,8 @@ def find_others(
     if sum(_shows_much_else(rig, c, seen, joints_world_m) for c in cameras) < MIN_CAMERAS:
         return seen, None
     points_world_m, in_picture, is_missed = _hull(rig, seen, joints_world_m, absent)
-    away_m, _ = cKDTree(joints_world_m).query(points_world_m)
+    joints = cKDTree(joints_world_m)
+    away_m, _ = joints.query(points_world_m)
     is_near, kept = away_m < _NEAR_M, (away_m < _SURELY_M) | ~is_missed
     others_m = points_world_m[~is_near & kept]
     of_actor = is_near & kept
@@ -68,6 +71,9 @@ def find_others(
     if is_there.mean() < _MOSTLY:
         return seen, None
     alone = _doubting_others(rig, seen, points_world_m, in_picture & kept, of_actor)
+    if not len(others_m):
+        far_m, _, is_missed = _hull(rig, seen, joints_world_m, absent, _FAR_M, _FAR_VOXEL_M)
+        others_m = far_m[~is_missed & (joints.query(far_m)[0] > _NEAR_M)]
     return alone, np.median(others_m[:, :2], axis=0) if len(others_m) else None
 
 
@@ -101,14 +107,19 @@ def _shows_much_else(rig: Rig, camera: int, seen: TriPlanes, joints_world_m: Flo
 
 
 def _hull(
-    rig: Rig, seen: TriPlanes, about_world_m: Floats, absent: Collection[int]
+    rig: Rig,
+    seen: TriPlanes,
+    about_world_m: Floats,
+    absent: Collection[int],
+    around_m: float = _AROUND_M,
+    voxel_m: float = _VOXEL_M,
 ) -> tuple[Floats, Mask, Mask]:
     """Points (N, 3) of the visual hull in a cube about points (M, 3), in which cameras' pictures they are
     (C, N), and which of them (N,) one camera more misses than may miss a point."""
     possible = unpack(seen.possible, rig.n_cameras)
     looking = [c for c in range(rig.n_cameras) if c not in absent and possible[c].any()]
     middle_m = (about_world_m.min(axis=0) + about_world_m.max(axis=0)) / 2
-    points_world_m = cube_about(middle_m, _AROUND_M, _VOXEL_M)
+    points_world_m = cube_about(middle_m, around_m, voxel_m)
     in_picture, on_people = looked_at(rig, possible, range(rig.n_cameras), points_world_m)
     n_missed = most_missed(len(looking))
     inside = in_hull(in_picture[looking], on_people[looking], n_missed)

@@ -53,6 +53,8 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
     px: dict[Part, int] = dict.fromkeys(PARTS, 0)
     px["torso"] = count_bits(thick)
     share = px["torso"] / max(count_bits(whole.likely(covered)), 1)
+    if not ((covered | whole.silhouettes) & counted).any():  # nothing tells where the body is
+        share = 1.0
     if not px["torso"]:
         return Differences(px, px.copy(), share)
     px |= within_windows(thick, model, pose)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, pack
+from services.mocap.energy.bitplanes import FULL_SHARE, TriPlanes, pack
 from services.mocap.errors import CertainError, NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
@@ -15,8 +15,6 @@ from services.mocap.search.two_people import NOWHERE, Places, TwoPeople, actor_o
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Ints, Mask
 
-_FULL_SHARE = 0.75
-"""Share of a picture; a silhouette that covers more cannot be an actor's."""
 _EMPTY_SHARE = 0.0005
 """Share of a picture; less is noise: 38 pixels of 320x240."""
 _CUT_SHARE = 0.12
@@ -49,6 +47,8 @@ class FirstLook:
     """(C, H, W) what may be actor: besides what was told as such, what something before the actor hides."""
     two: TwoPeople | None = field(default=None, compare=False)
     """None where nobody else is in view."""
+    hidden_by_others: tuple[int, ...] = ()
+    """Of the cameras left out, those from which somebody else hides the actor, for a while."""
 
     def believed(self, silhouettes: Mask) -> Mask:
         """A copy of silhouettes (C, H, W) with those left out empty, so that they do not carve the hull."""
@@ -67,19 +67,23 @@ def look_first(
     names: Sequence[str] = (),
     possible: Mask | None = None,
     places: Places = NOWHERE,
+    others: Mask | None = None,
 ) -> FirstLook:
     """Check the silhouettes (C, H, W) of the first frame, before searching a pose.
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
     silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. Of two people
-    the one clearly nearer to the actor's place is the actor. Raises NotInViewError if nobody is visible or
-    most cameras cut the actor off, and TakeError if it is not clear which of two people is the actor, or the
-    silhouettes do not meet in space. A camera that is empty, full or disagrees with the others is left out,
-    as long as at least two cameras remain, or three to decide that one disagrees.
+    the one clearly nearer to the actor's place is the actor. others (C, H, W): what shows other people,
+    besides the silhouettes. Raises NotInViewError if nobody is visible or most cameras cut the actor off, and
+    TakeError if it is not clear which of two people is the actor, or the silhouettes do not meet in space. A
+    camera that is empty, full or disagrees with the others is left out, as long as at least two cameras
+    remain, or three to decide that one disagrees.
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
-    return _look(rig, silhouettes, names, possible, places, np.zeros_like(silhouettes))
+    return _look(
+        rig, silhouettes, names, possible, places, np.zeros_like(silhouettes) if others is None else others
+    )
 
 
 def _look(
@@ -93,7 +97,7 @@ def _look(
     """As look_first; others (C, H, W): what shows other people, besides the silhouettes."""
     shares = _foreground_shares(rig, silhouettes)
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
-    full = tuple(c for c, share in enumerate(shares) if share > _FULL_SHARE)
+    full = tuple(c for c, share in enumerate(shares) if share > FULL_SHARE)
     usable = tuple(c for c in range(rig.n_cameras) if c not in empty and c not in full)
     possible_shares = _foreground_shares(rig, possible)
     unsure = tuple(c for c in empty if possible_shares[c] >= _EMPTY_SHARE)
@@ -132,7 +136,8 @@ def _look(
         "rest in pieces"
         for c in cut
     ]
-    return FirstLook((*empty, *full, *agreement.odd), tuple(remarks), possible)
+    left_out = (*empty, *full, *agreement.odd)
+    return FirstLook(left_out, tuple(remarks), possible, hidden_by_others=tuple(covered))
 
 
 def _remarks(

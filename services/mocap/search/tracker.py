@@ -32,10 +32,16 @@ log = logging.getLogger(__name__)
 
 _TRACKER, _OTHERS = "tracker", "others"
 """Names of its own numbers in a memory."""
+ELSEWHERE_M = 0.5
+"""Somebody so far from the actor is somebody else."""
 FLOOR_PLACE = [DOF_INDEX["root_x"], DOF_INDEX["root_y"]]
 _LOST = "the actor is lost: poses are doubtful until the body fits again or a whole person is in view"
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
+_PAUSE = 3
+"""Frames after one in which no whole person was found: to look takes as long as tracking many frames."""
+_REMEMBERED = 60
+"""Frames for which it is known where others were: they walk."""
 _EXPECTED_M, _EXPECTED_RAD = 0.04, 0.2
 """A pose is expected if no joint is farther from where the last poses lead to, and the head is turned by
 less: no joint moves with it, and alignment alone does not turn it back, as it does hands and feet. In five
@@ -55,8 +61,9 @@ class Tracker:
         self._trust = PartConfidence(model.rig, settings.doubt_px)
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
-        self._others_mm: list[int] = []
-        """Where on the floor other people were last; empty if there was nobody else."""
+        self._others: list[int] = []
+        """Where on the floor other people were last, x and y in mm, and how many frames ago; empty if there
+        was nobody else, or long ago."""
 
     @property
     def is_lost(self) -> bool:
@@ -66,7 +73,7 @@ class Tracker:
     def memory(self) -> dict[str, list[int]]:
         """Its state, besides the last two poses."""
         known = [len(self._poses), self._lost_frames, self._tries, self._wait]
-        return {_TRACKER: known, _OTHERS: self._others_mm, **self._trust.as_lists()}
+        return {_TRACKER: known, _OTHERS: self._others, **self._trust.as_lists()}
 
     def recall(self, memory: Mapping[str, list[int]]) -> None:
         """Continue from another coordinator's state; raises ValueError if it is invalid."""
@@ -74,7 +81,7 @@ class Tracker:
         if not 0 < n_poses <= len(self._poses):
             raise ValueError(f"{n_poses} poses to remember, {len(self._poses)} given")
         self._poses = self._poses[-n_poses:]
-        self._others_mm = memory.get(_OTHERS, [])
+        self._others = memory.get(_OTHERS, [])
         self._trust.recall(memory)
 
     def solve(
@@ -120,7 +127,8 @@ class Tracker:
         if not is_enough:  # perhaps because limbs were not searched
             self._trust.recall(usual)  # what differs without them is not usual
             solution = solved(settings)
-        is_lost = solution.is_lost
+        is_other = self._has_jumped_to_others(solution.pose)
+        is_lost = solution.is_lost or is_other
         if is_lost or self._lost_frames:
             self._lost_frames += 1
             if self._lost_frames == 1:
@@ -128,13 +136,13 @@ class Tracker:
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(seen, absent, settings, at_once=not is_lost)
             if again is None and is_lost:
-                return self._kept(solution, alone)
+                self._note_others(None)
+                return self._kept(solution, alone, is_other=is_other)
             log.info("the actor was found again after %d frames", self._lost_frames)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=BY_ENERGY), []
         self.follow(solution.pose)
-        if others_m is not None:
-            self._others_mm = np.rint(1000 * others_m).astype(int).tolist()
+        self._note_others(others_m)
         self._lost_frames = self._tries = self._wait = 0
         return solution
 
@@ -152,9 +160,29 @@ class Tracker:
         """Take a pose (D,) as the next frame's, without looking at the frame."""
         self._poses = [*self._poses[-1:], pose]
 
-    def _kept(self, solution: FrameSolution, seen: TriPlanes) -> FrameSolution:
+    def _note_others(self, others_m: Floats | None) -> None:
+        """Remember where on the floor (2,) others are in a frame, or else that it is one frame longer ago."""
+        if others_m is not None:
+            self._others = [*np.rint(1000 * others_m).astype(int).tolist(), 0]
+        elif self._others:
+            *place_mm, age = self._others
+            self._others = [*place_mm, age + 1] if age < _REMEMBERED else []
+
+    @property
+    def _places(self) -> Places:
+        """Where the actor and others were last."""
+        others_m = np.array(self._others[:2]) / 1000 if self._others else None
+        return Places(self._poses[-1][FLOOR_PLACE], others_m)
+
+    def _has_jumped_to_others(self, pose: Floats) -> bool:
+        """Whether a pose (D,) is that of somebody else, who is the only one left in view."""
+        jump_m = np.linalg.norm((pose - self._poses[-1])[FLOOR_PLACE])
+        return bool(jump_m > ELSEWHERE_M) and self._places.is_nearer_to_others(pose[FLOOR_PLACE])
+
+    def _kept(self, solution: FrameSolution, seen: TriPlanes, *, is_other: bool) -> FrameSolution:
         """What is known of a lost actor: the doubtful solution while it is near, else the last pose."""
-        kept = unless_far(solution, self._poses[-1], seen)
+        last = self._poses[-1]
+        kept = nothing_sure(solution, last) if is_other else unless_far(solution, last, seen)
         self._poses = [*self._poses[-1:], kept.pose] if kept is solution else self._poses[-1:]
         return kept
 
@@ -165,9 +193,9 @@ class Tracker:
         if self._wait and not at_once:
             self._wait -= 1
             return None
-        others_m = np.array(self._others_mm) / 1000 if self._others_mm else None
-        found = whole_person(self._model, seen, Places(self._poses[-1][FLOOR_PLACE], others_m))
+        found = whole_person(self._model, seen, self._places)
         if found is None:
+            self._wait = _PAUSE
             return None
         hull, alone = found
         picture, _ = self._model.without_cameras(alone, absent, settings)
@@ -206,15 +234,22 @@ def is_far(solution: FrameSolution, seen: TriPlanes) -> bool:
 def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:
     """A doubtful solution, unless it is far from the silhouettes `seen` (P, H, W): then one with a known pose
     (D,), of which nothing is sure."""
-    if not is_far(solution, seen):
-        return solution
+    return nothing_sure(solution, pose) if is_far(solution, seen) else solution
+
+
+def nothing_sure(solution: FrameSolution, pose: Floats) -> FrameSolution:
+    """A solution with a known pose (D,) of which nothing is sure."""
     nothing = dict.fromkeys(PARTS, 0.0)
     return replace(solution, pose=pose.copy(), distrusted=list(PARTS), confidence=nothing)
 
 
 def whole_person(model: Model, seen: TriPlanes, places: Places) -> tuple[Hull, TriPlanes] | None:
     """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen, and
-    the silhouettes of that person alone; of two people, the actor by the last places of both, else nobody."""
+    the silhouettes of that person alone.
+
+    Of two people, it is the actor by the last places of both, else nobody; nor is it one person who is nearer
+    to where others were.
+    """
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
@@ -223,5 +258,7 @@ def whole_person(model: Model, seen: TriPlanes, places: Places) -> tuple[Hull, T
     except TakeError:  # nobody, several people, or a person at the pictures' edges
         return None
     if look.two is not None and places.others_m is None:  # any of them may be the actor
+        return None
+    if look.two is None and places.is_nearer_to_others(hull.axis_world_m):
         return None
     return (hull, look.alone(seen)) if hull.suits(model.body.height_m) else None

@@ -19,6 +19,8 @@ _LEAST_PERSON_M, _PIECES_WITHIN_M = 0.8, 0.6
 to each other."""
 _CLEARLY_NEARER_M = 0.4
 """Of two people, the actor is nearer to the middle by more than this."""
+_LOW = 0.7
+"""Lower than this share of the other one, the nearer one may be furniture."""
 _LEAST_OTHERS = 0.05
 """Share of the silhouettes that others have at least."""
 
@@ -31,6 +33,13 @@ class Places:
     """(2,) by default in the middle of what the cameras look at."""
     others_m: Floats | None = None
     """(2,)"""
+
+    def is_nearer_to_others(self, place_m: Floats) -> bool:
+        """Whether a place (2,) is nearer to where others were than to where the actor was."""
+        if self.actor_m is None or self.others_m is None:
+            return False
+        away_m, from_others_m = (np.linalg.norm(place_m - one) for one in (self.actor_m, self.others_m))
+        return bool(from_others_m < away_m)
 
 
 NOWHERE = Places()
@@ -79,7 +88,8 @@ def actor_of(
     if places.others_m is not None:  # who is where others were is one of them
         cost_m -= np.linalg.norm(middles_m - places.others_m, axis=1)
     actor, second = np.argsort(cost_m)[:2]
-    if cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M:
+    heights_m = [np.ptp(points_m[:, 2]) for points_m in people_m]
+    if cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M or heights_m[actor] < _LOW * max(heights_m):
         return None
     others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
     seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))

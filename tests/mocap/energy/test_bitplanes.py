@@ -32,17 +32,19 @@ def test_eight_cameras_a_plane(cameras: int, planes: int) -> None:
 
 @pytest.mark.parametrize("n_cameras", [3, 8, 11])
 @pytest.mark.parametrize("n_empty", [0, 1, 2, 3])
-def test_a_camera_that_shows_nobody_is_unsure_where_two_others_show_somebody(
-    n_cameras: int, n_empty: int
+@pytest.mark.parametrize("failed", [False, True])
+def test_a_camera_that_shows_nobody_or_is_white_is_unsure_where_two_others_show_somebody(
+    n_cameras: int, n_empty: int, failed: bool
 ) -> None:
     rng = np.random.default_rng(n_cameras)
-    silhouettes, unsure = rng.random((2, n_cameras, 5, 7)) < 0.4
-    silhouettes[:n_empty] = False
+    silhouettes, unsure = rng.random((2, n_cameras, 40, 56)) < 0.4
+    silhouettes[:n_empty] = failed
+    unsure[:n_empty] &= not failed
     silhouettes &= ~unsure
     seen = TriPlanes(pack(silhouettes), pack(unsure))
-    doubting = seen.doubting_empty(n_cameras)
-    np.testing.assert_array_equal(doubting.silhouettes, seen.silhouettes)
+    doubting = seen.doubting_failed(np.full((n_cameras, 2), (56, 40)))
     if n_cameras - n_empty >= 2:
-        unsure[:n_empty] = True
+        unsure[:n_empty], silhouettes[:n_empty] = True, False
+    np.testing.assert_array_equal(unpack(doubting.silhouettes, n_cameras), silhouettes)
     np.testing.assert_array_equal(unpack(doubting.unsure, n_cameras), unsure)
     assert doubting is seen or n_empty

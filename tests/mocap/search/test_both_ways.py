@@ -84,6 +84,7 @@ def test_a_whole_track_that_is_better_is_taken_whole(
     np.testing.assert_array_equal(best_of(model, seen, astray, truth), truth)
 
 
+@pytest.mark.parametrize("away_m", [(0.9, 0.6), (2.2, 0.0)])
 def test_the_way_back_does_not_end_at_somebody_else(
     model: Model,
     truth: Floats,
@@ -91,10 +92,11 @@ def test_the_way_back_does_not_end_at_somebody_else(
     silhouettes_of: Callable[[Floats], Bytes],
     monkeypatch: pytest.MonkeyPatch,
     joint_errors_mm: Callable[[Floats, Floats], Floats],
+    away_m: tuple[float, float],
 ) -> None:
     """Somebody stands still beside the actor, and the way back begins there."""
     still = truth[0].copy()
-    still[:2] += 0.9, 0.6
+    still[:2] += away_m
     others = silhouettes_of(still)
     both = [TriPlanes.sure(one.silhouettes | others) for one in seen]
     monkeypatch.setattr(both_ways, "found_anew", lambda *_: still)

@@ -13,7 +13,8 @@ from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes, camera_bit, c
 from services.mocap.errors import TakeError
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
-from services.mocap.search.other_people import told_apart, without_others
+from services.mocap.search.occlusion import points_drawn
+from services.mocap.search.other_people import find_others, told_apart, without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker, whole_person
@@ -222,3 +223,73 @@ def test_two_people_equally_near_are_refused(
     two = silhouettes_of(ends[0]) | silhouettes_of(ends[1])
     with pytest.raises(TakeError, match="which of them is the actor is not clear"):
         look_first(model.rig, unpack(two, 8))
+
+
+@pytest.mark.parametrize("high_m", [0.75, 1.05])
+def test_a_box_in_the_middle_is_no_actor(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, high_m: float
+) -> None:
+    sides_m = np.linspace(-0.25, 0.25, 26)
+    box_m = np.stack(np.meshgrid(sides_m, sides_m, np.arange(0, high_m, 0.02)), axis=-1).reshape(-1, 3)
+    box = points_drawn(model.rig, box_m, np.ones((8, len(box_m)), bool), 1)
+    aside = unpack(silhouettes_of(somebody_at(standing, 1.1, 0.3)), 8)
+    with pytest.raises(TakeError, match="which of them is the actor is not clear"):
+        look_first(model.rig, aside | box)
+
+
+@pytest.mark.parametrize(("x_m", "y_m"), [(1.2, 0.5), (2.1, 0.3), (-2.0, 1.2)])
+def test_where_others_are_is_told(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, x_m: float, y_m: float
+) -> None:
+    actor = somebody_at(standing, 0.0, 0.0)
+    seen = silhouettes_of(actor) | silhouettes_of(somebody_at(standing, x_m, y_m))
+    alone, others_m = find_others(model, TriPlanes.sure(seen), actor)
+    assert np.count_nonzero(alone.unsure) > 1000
+    assert others_m is not None
+    np.testing.assert_allclose(others_m, [x_m, y_m], atol=0.3)
+
+
+def test_who_is_left_when_the_actor_goes_is_not_the_actor(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    """Until it is long ago that others were there; then nothing tells that it is somebody else."""
+    others = silhouettes_of(somebody_at(standing, 1.1, 0.5))
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), somebody_at(standing, -0.6, 0.0)[None])
+    for frame in range(3):
+        own = silhouettes_of(somebody_at(standing, -0.6 + 0.05 * frame, 0.0))
+        assert not tracker.solve(TriPlanes.sure(own | others)).is_lost
+    remembered = tracker.memory()["others"]
+    np.testing.assert_allclose(remembered, [1100, 500, 0], atol=150)
+    for _ in range(3):
+        found = tracker.solve(TriPlanes.sure(others))
+        assert found.is_lost
+        assert np.linalg.norm(found.pose[:2] - [-0.5, 0.0]) < 0.2
+    assert tracker.memory()["others"] == [*remembered[:2], 3]
+    tracker.recall(tracker.memory() | {"others": [*remembered[:2], 60]})
+    tracker.solve(TriPlanes.sure(others))
+    assert tracker.memory()["others"] == []
+
+
+def test_a_body_of_which_nothing_is_known_is_lost(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    pose = standing(**ARMS_DOWN)
+    sure = TriPlanes.sure(silhouettes_of(pose))
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), pose[None])
+    assert not tracker.solve(sure).is_lost
+    assert tracker.solve(sure.doubting(np.full_like(sure.silhouettes, 255))).is_lost
+    assert not tracker.solve(sure).is_lost
+
+
+def test_a_camera_that_turns_white_does_not_lose_the_actor(
+    model: Model,
+    standing: Poser,
+    silhouettes_of: Silhouettes,
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    poses = [somebody_at(standing, 0.05 * frame, 0.0, root_heading=90) for frame in range(4)]
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), poses[0][None])
+    for pose in poses:
+        found = tracker.solve(TriPlanes.sure(silhouettes_of(pose) | np.uint8(2)))
+        assert not found.is_lost
+        assert joint_errors_mm(found.pose, pose).mean() < 15
