@@ -1,6 +1,5 @@
 """Fitting the actor of a take to some successive frames, from the pose that is found in the first of them."""
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 
@@ -30,8 +29,6 @@ from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, solved, tracked_px
-
-log = logging.getLogger(__name__)
 
 _FIRST_FITS = 0.6
 """Progress of the fits from the generic body's pose; one from the fitted body's follows."""

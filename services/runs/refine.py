@@ -5,7 +5,6 @@ where its joint is. Later they bend them. The poses also show where furniture hi
 and which colours each part of the actor has.
 """
 
-import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -45,8 +44,6 @@ DEFAULT_REFINE_FRAMES = 16
 LEAST_FRAMES = 2
 
 _TORSO = PARTS.index("torso")
-
-log = logging.getLogger(__name__)
 
 
 def refine_take(
