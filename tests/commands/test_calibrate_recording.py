@@ -38,12 +38,14 @@ def looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     detectors: list[Detector] = []
 
     @cache
-    def first(clip: Clip, folder: Path, camera: int, n_cameras: int) -> Sightings:
-        return look(clip, folder, detectors[-1], camera, n_cameras)
+    def first(clip: Clip, moments: frozenset[int], folder: Path, camera: int, n_cameras: int) -> Sightings:
+        return look(clip, moments, folder, detectors[-1], camera, n_cameras)
 
-    def again(clip: Clip, folder: Path, detector: Detector, camera: int, n_cameras: int) -> Sightings:
+    def again(
+        clip: Clip, moments: frozenset[int], folder: Path, detector: Detector, camera: int, n_cameras: int
+    ) -> Sightings:
         detectors.append(detector)
-        return first(clip, folder, camera, n_cameras)
+        return first(clip, moments, folder, camera, n_cameras)
 
     monkeypatch.setattr(from_clips, "_sightings", again)
 
