@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from services.commands.consoles import progress_bar, warn
+from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
 from services.runs.reporting import kept_warnings
@@ -71,9 +72,9 @@ def _cameras_that_see(take: Take, frame: int, segmenter: Segmenter) -> int | Non
     """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few, and None if
     the frame cannot be used for another reason."""
     try:
-        cameras, _ = seen_of(take, range(frame, frame + 1), segmenter, lambda _: None)
+        cameras, seen = seen_of(take, range(frame, frame + 1), segmenter, lambda _: None)
     except NotInViewError:
         return 0
     except TakeError:
         return None
-    return len(cameras)
+    return sum(bool(camera_bit(seen.silhouettes[0], c).any()) for c in range(len(cameras)))

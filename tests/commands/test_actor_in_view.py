@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from exact_take import write_exact_take
 from services import cli
+from services.commands import actor_in_view
 from services.commands.actor_in_view import in_view
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
@@ -114,6 +115,15 @@ def test_the_commands_begin_there_and_fit_the_body_to_the_first_frames_that_they
     assert run("track", "--no-check") == (range(5), 34), "a second fit follows"
     assert run("fit", "--frames", 4) == (range(20, 24), None)
     assert run("fit", "--frames", 4, "--no-check") == (range(4), None)
+
+
+def test_the_actor_is_found_between_two_looks_that_are_far_apart(
+    take: Take, changed: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(actor_in_view, "_EVERY", 1)
+    monkeypatch.setattr(actor_in_view, "_MOST_LOOKS", 2)
+    changed(_nobody)
+    assert in_view(TakeSilhouettes(take), range(34)) == range(CHANGED_BEFORE, 34)
 
 
 def test_a_frame_that_every_camera_sees_is_preferred(take: Take, changed: Show) -> None:

@@ -1,6 +1,5 @@
 """`xormocap new`, from videos as they lie about to a take that opens."""
 
-import pickle  # noqa: TID251  (written here, as OpenCap does)
 import re
 import shutil
 from collections.abc import Callable
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from opencap_files import write_opencap
 from services.cli import app
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.errors import UserError
@@ -187,18 +187,8 @@ def test_the_world_of_a_file_stands_as_its_format_says_or_the_user(
 ) -> None:
     """OpenCap's y axis points down."""
     cameras = read_calibration(shoot / "calibration.toml", "z")
-    for camera in cameras:
-        fields = {
-            "distortion": np.zeros((1, 4)),
-            "intrinsicMat": camera.K,
-            "imageSize": np.array([[48.0], [64.0]]),
-            "rotation": camera.R_camera_world,
-            "translation": 1000 * camera.t_camera_world_m[:, None],
-        }
-        path = tmp_path / "opencap" / camera.name / "cameraIntrinsicsExtrinsics.pickle"
-        path.parent.mkdir(parents=True)
-        path.write_bytes(pickle.dumps(fields))
+    write_opencap(tmp_path / "opencap", cameras)
     run(tmp_path / "take", shoot, "--calibration", tmp_path / "opencap", *said)
     for found, camera in zip(open_take(tmp_path / "take").calibrated, cameras, strict=True):
         x, y, z = camera.centre_world_m
-        np.testing.assert_allclose(found.centre_world_m, [x, y, z] if said else [x, z, -y], atol=1e-6)
+        np.testing.assert_allclose(found.centre_world_m, [x, -z, y] if said else [x, y, z], atol=1e-6)

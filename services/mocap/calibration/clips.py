@@ -8,6 +8,7 @@ Single pictures elsewhere, such as coverage.png, are no clips.
 """
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,8 +78,12 @@ class Clip:
 
 
 def spread_numbers(clips: Sequence[Clip], most: int) -> frozenset[int]:
-    """At most so many of the numbers of clips' pictures, evenly spread: the same moments in all clips."""
-    numbers = sorted({number for clip in clips for number in clip.numbers()})
+    """At most so many of the numbers of clips' pictures, evenly spread: the same moments in all clips.
+
+    Numbers that two clips have, if there are any: one clip may be much longer than the others.
+    """
+    n_clips = Counter(number for clip in clips for number in clip.numbers())
+    numbers = sorted(number for number, n in n_clips.items() if n > 1) or sorted(n_clips)
     return frozenset(numbers[:: max(1, -(-len(numbers) // most))])
 
 

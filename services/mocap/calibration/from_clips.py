@@ -82,6 +82,7 @@ def calibrate_clips(
     Raises CalibrationError with what is missing or wrong, and what to do about it.
     """
     clips, remarks = find_clips(folder), []
+    check_lens_sizes(known or {}, {clip.camera: clip.size_px() for clip in clips})
     if board.has_markers:
         show("looking at samples", 0.0)
         printed = _as_printed(board, clips)
@@ -94,7 +95,6 @@ def calibrate_clips(
         seen.append(_sightings(clip, moments, folder, detector, c, len(clips)))
     check_prints(list(zip(clips, seen, strict=True)), board)
     check_same_pictures(seen)
-    check_lens_sizes(known or {}, {sightings.camera: sightings.size_px for sightings in seen})
     remarks += [
         f"{s.camera}: saw the back of the board, as one printed on both sides has it"
         for s in seen

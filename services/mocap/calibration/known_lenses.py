@@ -41,14 +41,18 @@ def known_lenses(path: Path, cameras: Sequence[str]) -> dict[str, Intrinsics]:
     return found
 
 
-def check_lens_sizes(lenses: Mapping[str, Intrinsics], sizes_px: Mapping[str, tuple[int, int]]) -> None:
-    """Raise CalibrationError if a camera's lens is for pictures of another size (width, height) than its own.
+def check_lens_sizes(
+    lenses: Mapping[str, Intrinsics], sizes_px: Mapping[str, tuple[int, int] | None]
+) -> None:
+    """Raise CalibrationError if a camera's lens is for pictures of another size (width, height) than its own,
+    where that is known.
 
     It is not converted: cameras crop their pictures in some modes.
     """
     for camera, lens in lenses.items():
-        if lens.size_px != sizes_px[camera]:
-            known, found = ("{}x{}".format(*size) for size in (lens.size_px, sizes_px[camera]))
+        size_px = sizes_px[camera]
+        if size_px is not None and size_px != lens.size_px:
+            known, found = ("{}x{}".format(*size) for size in (lens.size_px, size_px))
             raise CalibrationError(
                 f"--lens: {camera}: the lens is for {known} pixels, but the clip has {found}: record "
                 "clips and take with the settings of the lens, or calibrate lenses with these settings"

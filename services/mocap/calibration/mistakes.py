@@ -41,6 +41,11 @@ def _heights_m(cameras: Sequence[Camera]) -> float:
     return float(np.ptp([camera.centre_world_m[2] for camera in cameras]))
 
 
+def _steepness(cameras: Sequence[Camera]) -> float:
+    """How much the cameras look up or down, as a root mean square of sines."""
+    return float(np.sqrt(np.mean([camera.R_camera_world[2, 2] ** 2 for camera in cameras])))
+
+
 def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
     """The mistake of a take.toml whose `up` is not the world's: cameras (z-up) that lie on their sides."""
     other: Up = "y" if up == "z" else "z"
@@ -49,8 +54,11 @@ def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
     if looks_down or _upward(cameras) > _NOT_UPRIGHT:
         return None
     turned = [camera.with_world_turned(turn) for camera in cameras]
-    if _upward(turned) < _UPRIGHT or _heights_m(turned) > _heights_m(cameras):
-        return None  # cameras that are turned by a quarter turn stand at about one height
+    if _upward(turned) < _UPRIGHT:
+        return None
+    # Cameras that lie on their sides on purpose are about level, at about one height.
+    if _steepness(turned) > _steepness(cameras) and _heights_m(turned) > _heights_m(cameras):
+        return None
     return Mistake(
         "take.toml: up",
         f'the cameras stand upright if "{other}" is up, and lie on their sides with "{up}"',

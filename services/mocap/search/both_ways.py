@@ -66,10 +66,9 @@ def solve_both_ways(
 
     def aligned(copy: Model, of_frame: tuple[TriPlanes, Chosen]) -> FrameSolution:
         as_seen, chosen = of_frame
-        planes = without_others(copy, as_seen, chosen.pose)
-        picture = model.picture_of(planes)
+        picture = model.picture_of(without_others(copy, as_seen, chosen.pose))
         solution = align_alone(copy, picture, chosen.pose, settings)
-        if settings.search_limbs != "never" and not is_far(solution, planes):
+        if settings.search_limbs != "never" and not is_far(solution, picture):
             look_elsewhere(copy, picture, solution, settings)
         return solution
 
@@ -82,8 +81,8 @@ def solve_both_ways(
         solution = next(solutions)
         trust.judge(solution)
         if solution.is_lost:
-            planes = without_others(model, seen[frame], chosen.pose)
-            solution = unless_far(solution, chosen.pose, planes)
+            picture = model.picture_of(without_others(model, seen[frame], chosen.pose))
+            solution = unless_far(solution, chosen.pose, picture)
         doubt_rivals(solution, chosen)
         for final in steady.add(solution):
             yield Step("settling", *final)

@@ -126,7 +126,8 @@ def _look(
             return look
         remark = _TWO.format(*np.median(found.actor_world_m[:, :2], axis=0))
         return replace(look, remarks=(remark, *look.remarks), two=replace(found, others=all_others))
-    covered = [c for c in empty if others[c].any()]
+    others_shares = _foreground_shares(rig, others)
+    covered = [c for c in empty if others_shares[c] >= _EMPTY_SHARE]
     remarks = _remarks(tuple(c for c in empty if c not in covered), full, agreement, names, unsure_shares)
     remarks += [
         f"silhouettes: somebody else hides the actor from {names[c]} in the first frame" for c in covered

@@ -9,6 +9,7 @@ import numpy as np
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
+from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.best_path import apart_m
 from services.mocap.search.chains import HEAD
@@ -62,8 +63,8 @@ class Tracker:
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
         self._others: list[int] = []
-        """Where on the floor other people were last, x and y in mm, and how many frames ago; empty if there
-        was nobody else, or long ago."""
+        """Where on the floor other people were last, x and y in mm, and how many frames ago, without those in
+        which the actor was lost; empty if there was nobody else, or long ago."""
 
     @property
     def is_lost(self) -> bool:
@@ -136,8 +137,7 @@ class Tracker:
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(seen, absent, settings, at_once=not is_lost)
             if again is None and is_lost:
-                self._note_others(None)
-                return self._kept(solution, alone, is_other=is_other)
+                return self._kept(solution, picture, is_other=is_other)
             log.info("the actor was found again after %d frames", self._lost_frames)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=BY_ENERGY), []
@@ -172,17 +172,17 @@ class Tracker:
     def _places(self) -> Places:
         """Where the actor and others were last."""
         others_m = np.array(self._others[:2]) / 1000 if self._others else None
-        return Places(self._poses[-1][FLOOR_PLACE], others_m)
+        return Places(self._poses[-1][FLOOR_PLACE], others_m, self._lost_frames <= _REMEMBERED)
 
     def _has_jumped_to_others(self, pose: Floats) -> bool:
         """Whether a pose (D,) is that of somebody else, who is the only one left in view."""
         jump_m = np.linalg.norm((pose - self._poses[-1])[FLOOR_PLACE])
         return bool(jump_m > ELSEWHERE_M) and self._places.is_nearer_to_others(pose[FLOOR_PLACE])
 
-    def _kept(self, solution: FrameSolution, seen: TriPlanes, *, is_other: bool) -> FrameSolution:
+    def _kept(self, solution: FrameSolution, picture: Picture, *, is_other: bool) -> FrameSolution:
         """What is known of a lost actor: the doubtful solution while it is near, else the last pose."""
         last = self._poses[-1]
-        kept = nothing_sure(solution, last) if is_other else unless_far(solution, last, seen)
+        kept = nothing_sure(solution, last) if is_other else unless_far(solution, last, picture)
         self._poses = [*self._poses[-1:], kept.pose] if kept is solution else self._poses[-1:]
         return kept
 
@@ -226,15 +226,15 @@ def aligned_ahead(
     return model.copies.each(aligned, frames)
 
 
-def is_far(solution: FrameSolution, seen: TriPlanes) -> bool:
-    """Whether a solution is not even near the silhouettes `seen` (P, H, W)."""
-    return solution.energy_px > _MOST_FOLLOWED * count_bits(seen.silhouettes)
+def is_far(solution: FrameSolution, picture: Picture) -> bool:
+    """Whether a solution is not even near the silhouettes of a whole picture."""
+    return solution.energy_px > _MOST_FOLLOWED * count_bits(picture.silhouettes & ~picture.ignored)
 
 
-def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:
-    """A doubtful solution, unless it is far from the silhouettes `seen` (P, H, W): then one with a known pose
-    (D,), of which nothing is sure."""
-    return nothing_sure(solution, pose) if is_far(solution, seen) else solution
+def unless_far(solution: FrameSolution, pose: Floats, picture: Picture) -> FrameSolution:
+    """A doubtful solution, unless it is far from the silhouettes of a whole picture: then one with a known
+    pose (D,), of which nothing is sure."""
+    return nothing_sure(solution, pose) if is_far(solution, picture) else solution
 
 
 def nothing_sure(solution: FrameSolution, pose: Floats) -> FrameSolution:

@@ -20,7 +20,7 @@ to each other."""
 _CLEARLY_NEARER_M = 0.4
 """Of two people, the actor is nearer to the middle by more than this."""
 _LOW = 0.7
-"""Lower than this share of the other one, the nearer one may be furniture."""
+"""Lower than this share of the other one, the one nearer to the middle may be furniture."""
 _LEAST_OTHERS = 0.05
 """Share of the silhouettes that others have at least."""
 
@@ -33,10 +33,12 @@ class Places:
     """(2,) by default in the middle of what the cameras look at."""
     others_m: Floats | None = None
     """(2,)"""
+    are_recent: bool = True
+    """Whether who is seen there now can only be the same one."""
 
     def is_nearer_to_others(self, place_m: Floats) -> bool:
-        """Whether a place (2,) is nearer to where others were than to where the actor was."""
-        if self.actor_m is None or self.others_m is None:
+        """Whether a place (2,) is nearer to where others just were than to where the actor was."""
+        if self.actor_m is None or self.others_m is None or not self.are_recent:
             return False
         away_m, from_others_m = (np.linalg.norm(place_m - one) for one in (self.actor_m, self.others_m))
         return bool(from_others_m < away_m)
@@ -81,7 +83,7 @@ def actor_of(
     places: Places,
 ) -> TwoPeople | None:
     """Who of some people, by points (N, 3) of the hull of each, is clearly nearest to where the actor should
-    be; None if nobody is."""
+    be; None if nobody is, or if the actor's place is not known and that one is much lower than another."""
     middles_m = np.array([np.median(points_m[:, :2], axis=0) for points_m in people_m])
     near_m = rig.middle_world_m[:2] if places.actor_m is None else places.actor_m
     cost_m = np.linalg.norm(middles_m - near_m, axis=1)
@@ -89,7 +91,8 @@ def actor_of(
         cost_m -= np.linalg.norm(middles_m - places.others_m, axis=1)
     actor, second = np.argsort(cost_m)[:2]
     heights_m = [np.ptp(points_m[:, 2]) for points_m in people_m]
-    if cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M or heights_m[actor] < _LOW * max(heights_m):
+    may_be_furniture = places.actor_m is None and heights_m[actor] < _LOW * max(heights_m)
+    if cost_m[second] < cost_m[actor] + _CLEARLY_NEARER_M or may_be_furniture:
         return None
     others_m = np.concatenate(people_m[:actor] + people_m[actor + 1 :])
     seen = TriPlanes(pack(silhouettes), pack(possible & ~silhouettes))

@@ -251,7 +251,8 @@ def _completed(
     path: take.toml. lengths: of the recordings, by camera. Raises TakeError where other fields do not fit the
     number of frames.
     """
-    for name, length in lengths.items():
+    of_videos = ((name, index.n_frames) for name, index in indices.items())
+    for name, length in (*lengths.items(), *of_videos):
         if 0 < length <= said.offset(name):
             raise TakeError(
                 f"{path}: offsets: {name}: is {said.offset(name)}, but the camera has {length} frames: "
@@ -280,7 +281,7 @@ def _check_silhouettes(take: Take, camera: Camera, stated: int | None) -> None:
             raise TakeError(f"{path}: is missing: expected a silhouette for {expected}")
         check_png(path, camera)
     looked_at = frames[:: -(-len(frames) // _LOOKED_AT)]
-    check_greys([layout.silhouette_path(folder, frame) for frame in looked_at])
+    check_greys([layout.silhouette_path(folder, frame) for frame in looked_at], take.settings.unsure)
 
 
 def _silhouettes_expected(folder: Path, ahead: int, stated: int | None) -> str:

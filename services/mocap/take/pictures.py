@@ -83,12 +83,17 @@ def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
     return np.asarray(cv2.LUT(grey, meanings), np.uint8)
 
 
-def check_greys(paths: Sequence[Path]) -> None:
-    """Raise TakeError if some of a camera's silhouettes seem to use other greys: all that show anything are
-    below the actor's."""
+def check_greys(paths: Sequence[Path], unsure: Sequence[int]) -> None:
+    """Raise TakeError if some of a camera's silhouettes seem to use other greys: no pixel of them is actor or
+    unsure, but some are not black.
+
+    unsure: the lowest and the highest unsure grey, or empty.
+    """
+    if any(read_trimap(path, unsure).any() for path in paths):
+        return
     brightest = {path: int(_matte(path).max()) for path in paths}
     path = max(brightest, key=lambda path: brightest[path])
-    if 0 < brightest[path] <= _THRESHOLD:
+    if brightest[path] > 0:
         raise TakeError(
             f"{path}: its brightest grey is {brightest[path]}: expected 0 outside the actor, 255 inside"
         )

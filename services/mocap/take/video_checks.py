@@ -31,18 +31,23 @@ _CONVERSION = "ffmpeg -i IN -vf fps={:g} OUT"
 
 
 def rate_of(indices: Sequence[VideoIndex], settings: Path) -> float:
-    """The frame rate of videos, where take.toml has none; raises TakeError if no video tells it.
-
-    It is a mean, as some formats round time stamps to milliseconds, without the gaps of lost frames.
-    """
+    """The frame rate of videos, where take.toml has none; raises TakeError if no video tells it."""
     index = next((index for index in indices if index.n_frames > 1), None)
     if index is None:
         why = "videos of one frame do not tell" if indices else "only videos know by themselves"
         raise TakeError(
             f"{settings}: fps: is missing: expected a positive number of frames per second, which {why}"
         )
+    return round(_steady_rate(index), 3)
+
+
+def _steady_rate(index: VideoIndex) -> float:
+    """The frame rate of a video of two frames or more, without the gaps of lost frames.
+
+    It is a mean, as some formats round time stamps to milliseconds.
+    """
     gaps_s = np.diff(index.times_s)
-    return round(1 / float(gaps_s[gaps_s <= _LARGEST_GAP * np.median(gaps_s)].mean()), 3)
+    return 1 / float(gaps_s[gaps_s <= _LARGEST_GAP * np.median(gaps_s)].mean())
 
 
 def check_video_size(index: VideoIndex, camera: Camera) -> None:
@@ -99,7 +104,7 @@ def unsteady_remarks(indices: Sequence[VideoIndex]) -> list[str]:
     """A remark for each video that has gaps or another rate than the first, if frames of one number should
     show one moment."""
     long = [index for index in indices if index.n_frames > 1]
-    rates = [float(1 / np.median(np.diff(index.times_s))) for index in long]
+    rates = [_steady_rate(index) for index in long]
     gaps = [_gap_in(index, index.n_frames, rate) for index, rate in zip(long, rates, strict=True)]
     others = [
         f"{index.path}: runs at {rate:.4g} frames per second, but {long[0].path.name} at {rates[0]:.4g}: "

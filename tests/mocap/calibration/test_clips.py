@@ -41,8 +41,19 @@ def test_all_clips_are_searched_in_the_same_moments(tmp_path: Path) -> None:
         for number in numbers:
             write_picture(clip.path / f"img{number:03d}.png", np.full((4, 6), number, np.uint8))
     moments = spread_numbers(clips, 20)
-    assert moments == set(range(0, 45, 3))
+    assert len(moments) == 18  # every second one of those that both have
     for clip in clips:
+        assert moments <= set(clip.numbers())
         seen = {number: int(picture[0, 0, 0]) for number, picture in clip.pictures(moments)}
-        assert seen == {number: number for number in moments if number in clip.numbers()}
-    assert len(moments & set(clips[0].numbers()) & set(clips[1].numbers())) == 13
+        assert seen == {number: number for number in moments}
+
+
+def test_a_clip_that_is_far_longer_or_shows_every_third_moment_does_not_starve_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    numbers = {"cam1": range(900), "cam2": range(1, 900, 3), "cam3": range(18_000)}
+    monkeypatch.setattr(Clip, "numbers", lambda clip: numbers[clip.camera])
+    clips = [Clip(name, Path(name)) for name in numbers]
+    assert spread_numbers(clips, 300) == set(range(0, 900, 3))
+    assert spread_numbers(clips[:2], 300) == set(numbers["cam2"])
+    assert spread_numbers(clips[:1], 6) == set(range(0, 900, 150))

@@ -26,6 +26,17 @@ def test_another_axis_is_noticed(n: int, of: int) -> None:
     assert mistake.remedy == 'write up = "y"'
 
 
+def test_another_axis_is_noticed_of_cameras_in_a_row_at_different_heights() -> None:
+    level = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # they look along y
+    centres_m = ((-1.5, -3.0, 1.0), (0.0, -3.1, 2.0), (1.5, -3.0, 1.0))
+    row = [Camera("cam", 640, 480, np.eye(3), np.zeros(4), level, -level @ np.array(m)) for m in centres_m]
+    assert wrong_up(row, "z") is None
+    for turn, up in ((R_ZUP_YUP.T, "z"), (R_ZUP_YUP, "y")):
+        seen = [camera.with_world_turned(turn) for camera in row]
+        looks_down = np.median([camera.R_camera_world[2, 2] for camera in seen]) < 0
+        assert (wrong_up(seen, up) is None) == looks_down  # they may hang under the ceiling
+
+
 @pytest.mark.parametrize("quarter_turns", [1, 3])
 @pytest.mark.parametrize("round_deg", range(0, 360, 45))
 def test_cameras_on_their_sides_are_no_wrong_axis(quarter_turns: int, round_deg: int) -> None:

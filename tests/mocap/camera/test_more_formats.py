@@ -3,7 +3,7 @@
 Each writer makes the layout that the tool documents or that its own converter writes.
 """
 
-import pickle  # noqa: TID251  (written here, as OpenCap does)
+import pickle  # noqa: TID251  (written here, to be refused)
 import re
 import tomllib
 from collections.abc import Callable
@@ -28,26 +28,14 @@ from test_formats import (
     same,
 )
 
+from opencap_files import write_opencap
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.camera.formats.reading import read_loose
 from services.mocap.errors import CalibrationError
 
 
 def as_opencap(folder: Path, protocol: int = 4) -> Path:
-    """Cam<n>/cameraIntrinsicsExtrinsics.pickle: millimetres, size as height and width, an upright board."""
-    turn = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # the board's (x, y, z) is (x, z, -y) in z-up
-    for one in CAMERAS:
-        fields = {
-            "distortion": np.append(one.distortion, 0.0)[None],
-            "intrinsicMat": one.K,
-            "imageSize": np.array([[1080.0], [1920.0]]),
-            "rotation": np.asfortranarray(one.R_camera_world @ turn),
-            "translation": 1000 * one.t_camera_world_m[:, None],
-            "rotation_EulerAngles": np.zeros((3, 1)),
-        }
-        path = folder / "opencap" / one.name / "cameraIntrinsicsExtrinsics.pickle"
-        path.parent.mkdir(parents=True)
-        path.write_bytes(pickle.dumps(fields, protocol))
+    write_opencap(folder / "opencap", CAMERAS, protocol)
     return folder / "opencap"
 
 

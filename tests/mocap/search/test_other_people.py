@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes, camera_bit, count_bits, pack, unpack
 from services.mocap.errors import TakeError
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.occlusion import points_drawn
 from services.mocap.search.other_people import find_others, told_apart, without_others
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.tracker import Tracker, whole_person
+from services.mocap.search.tracker import Tracker, is_far, whole_person
 from services.mocap.search.two_people import Places
 from services.mocap.types import Bytes, Floats
 
@@ -264,10 +265,51 @@ def test_who_is_left_when_the_actor_goes_is_not_the_actor(
         found = tracker.solve(TriPlanes.sure(others))
         assert found.is_lost
         assert np.linalg.norm(found.pose[:2] - [-0.5, 0.0]) < 0.2
-    assert tracker.memory()["others"] == [*remembered[:2], 3]
-    tracker.recall(tracker.memory() | {"others": [*remembered[:2], 60]})
-    tracker.solve(TriPlanes.sure(others))
-    assert tracker.memory()["others"] == []
+    assert tracker.memory()["others"] == remembered
+    n_poses, _, tries, _ = tracker.memory()["tracker"]
+    tracker.recall(tracker.memory() | {"tracker": [n_poses, 61, tries, 0]})
+    assert not tracker.solve(TriPlanes.sure(others)).is_lost
+
+
+def test_where_others_were_is_forgotten(model: Model, standing: Poser, silhouettes_of: Silhouettes) -> None:
+    pose = somebody_at(standing, 0.0, 0.0)
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), pose[None])
+    tracker.recall(tracker.memory() | {"others": [1100, 500, 59]})
+    left = []
+    for _ in range(2):
+        tracker.solve(TriPlanes.sure(silhouettes_of(pose)))
+        left.append(tracker.memory()["others"])
+    assert left == [[1100, 500, 60], []]
+
+
+def test_a_low_actor_is_found_where_he_or_she_was(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    """Beside somebody who stands: only without a known place it may be a box."""
+    crouching = somebody_at(
+        standing, 0.0, 0.0, hip_flexion=100, knee_flexion=140, waist_pitch=40, root_pitch=40
+    )
+    crouching[2] -= 0.6
+    others = somebody_at(standing, 1.2, 0.3)
+    both = unpack(silhouettes_of(crouching) | silhouettes_of(others), 8)
+    with pytest.raises(TakeError, match="which of them is the actor is not clear"):
+        look_first(model.rig, both)
+    look = look_first(model.rig, both, places=Places(crouching[:2]))
+    assert look.two is not None
+    np.testing.assert_allclose(np.median(look.two.actor_world_m[:, :2], axis=0), [0, 0], atol=0.25)
+
+
+@pytest.mark.parametrize("noise_px", [10, 200])
+def test_a_camera_is_hidden_by_others_only_if_it_sees_enough_of_them(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes, noise_px: int
+) -> None:
+    own = unpack(silhouettes_of(standing(**ARMS_DOWN)), 8)
+    others = np.zeros_like(own)
+    own[3], others[3].flat[:noise_px] = False, True
+    look = look_first(model.rig, own, possible=own | others, others=others)
+    assert look.left_out == (3,)
+    assert look.hidden_by_others == ((3,) if noise_px == 200 else ())
+    assert ("somebody else hides" in look.remarks[0]) == (noise_px == 200)
 
 
 def test_a_body_of_which_nothing_is_known_is_lost(
@@ -293,3 +335,13 @@ def test_a_camera_that_turns_white_does_not_lose_the_actor(
         found = tracker.solve(TriPlanes.sure(silhouettes_of(pose) | np.uint8(2)))
         assert not found.is_lost
         assert joint_errors_mm(found.pose, pose).mean() < 15
+
+
+def test_a_body_beside_the_silhouettes_is_far_whatever_a_white_camera_shows(
+    model: Model, standing: Poser, silhouettes_of: Silhouettes
+) -> None:
+    pose, aside = somebody_at(standing, 0.0, 0.0), somebody_at(standing, 1.4, 0.0)
+    picture = model.picture_of(TriPlanes.sure(silhouettes_of(pose) | np.uint8(2)))
+    for one, is_beside in ((pose, False), (aside, True)):
+        differing = (silhouettes_of(one) ^ picture.silhouettes) & ~picture.ignored
+        assert is_far(FrameSolution(one, count_bits(differing)), picture) == is_beside

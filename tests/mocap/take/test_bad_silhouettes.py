@@ -88,6 +88,14 @@ def test_a_soft_matte_of_nobody_is_empty(small_take: SmallTake) -> None:
     assert [trimap.any() for trimap in take.trimaps(take.cameras[1], 0, 4)] == [False, True, False, True]
 
 
+def test_silhouettes_that_are_unsure_are_no_other_greys(small_take: SmallTake) -> None:
+    folder = small_take(source="silhouettes", unsure=[64, 191])
+    for frame in range(4):
+        write_picture(folder / f"silhouettes/cam02/00000{frame}.png", np.full((48, 64), 100, np.uint8))
+    take = open_take(folder)
+    assert all((trimap == UNSURE).all() for trimap in take.trimaps(take.cameras[1], 0, 4))
+
+
 def test_a_cut_out_is_where_it_is_opaque(small_take: SmallTake) -> None:
     folder = small_take(source="silhouettes")
     cut_out = np.full((48, 64, 4), 255, np.uint8)

@@ -69,6 +69,19 @@ def test_an_offset_beyond_the_end(small_take: SmallTake, refusal: Refusal) -> No
     )
 
 
+def test_an_offset_beyond_the_end_of_the_video_beside_silhouettes(
+    small_take: SmallTake, refusal: Refusal
+) -> None:
+    folder = small_take(source="silhouettes")
+    leave_to_videos(folder, "frames = 4")
+    rewrite_video(folder / "videos/cam01.mp4", 2)
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text() + "[offsets]\ncam01 = 3\n")
+    assert refusal(folder) == (
+        "take.toml: offsets: cam01: is 3, but the camera has 2 frames: expected less than that"
+    )
+
+
 def test_a_video_that_is_shorter_than_the_silhouettes(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take(source="silhouettes")
     leave_to_videos(folder, "frames = 4")
@@ -83,6 +96,8 @@ def test_clips_that_do_not_show_one_moment_in_each_frame(small_take: SmallTake) 
     folder = small_take(n_cameras=4)
     rewrite_video(folder / "videos/cam02.mp4", 4, fps=12.0)
     indices = [index_video(folder / f"videos/cam0{c}.mp4") for c in (1, 2, 3, 4)]
+    indices[3] = replace(indices[3], times_s=np.round(indices[3].times_s / 2.997, 3))  # as Matroska does
+    indices[3] = replace(indices[3], times_s=indices[3].times_s * 2.997)
     indices[2] = replace(indices[2], times_s=indices[2].times_s + np.array([0.0, 0.0, 0.1, 0.1]))
     gap, rate = unsteady_remarks(indices)
     assert gap == (
