@@ -39,7 +39,7 @@ def new(
         list[Path] | None,
         typer.Option(help="Videos or PNG pictures of the empty stage, or a folder of them.", metavar="FILE"),
     ] = None,
-    up: Annotated[Up | None, typer.Option(help="The axis that points up; by default its format's.")] = None,
+    up: Annotated[Up | None, typer.Option(help="The axis that points up; by default the format's.")] = None,
 ) -> None:
     """Make a take folder: find out which video belongs to which camera, and write take.toml.
 

@@ -1,4 +1,4 @@
-"""Detects a clean plate of another contrast than the pictures, such as a photograph, or a far darker one.
+"""Detects a clean plate of another contrast, as a photograph has, or far lighter or darker than the pictures.
 
 Smaller gains of a channel, of exposure and white balance, are left to services.segmentation.exposure.
 """

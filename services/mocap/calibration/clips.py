@@ -71,6 +71,10 @@ class Clip:
             if number in numbers:
                 yield number, read_picture(file)
 
+    def samples(self, most: int) -> Iterator[tuple[int, Bytes]]:
+        """At most so many of the pictures, evenly spread; see pictures."""
+        return self.pictures(spread_numbers([self], most))
+
     def _files(self) -> list[Path]:
         if self.path.is_file():
             return [self.path]

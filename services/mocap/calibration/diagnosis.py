@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.board import DICTIONARIES, FEWEST_SQUARES, Board
-from services.mocap.calibration.clips import Clip, spread_numbers
+from services.mocap.calibration.clips import Clip
 from services.mocap.calibration.detection import Detector, marker_detector, markers_in, upright_print
 from services.mocap.calibration.lens import FEWEST_VIEWS
 from services.mocap.calibration.sightings import Sightings
@@ -38,10 +38,7 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
     """
     for number, (clip, sightings) in enumerate(looked):
         if (board.has_markers and number == 0) or len(sightings.by_frame) < FEWEST_VIEWS:
-            samples = [
-                upright_print(picture, board)
-                for _, picture in clip.pictures(spread_numbers([clip], _SAMPLES))
-            ]
+            samples = [upright_print(picture, board) for _, picture in clip.samples(_SAMPLES)]
             if sightings.is_behind:
                 samples = [np.ascontiguousarray(sample[:, ::-1]) for sample in samples]
             find_problem = wrong_markers if board.has_markers else _wrong_chessboard

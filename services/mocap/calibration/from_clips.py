@@ -122,7 +122,7 @@ def _as_printed(board: Board, clips: list[Clip]) -> Board:
     prints = [board.model_copy(update={"inverted": way}) for way in ways]
     looked_at = []
     for clip in clips:
-        samples = [picture for _, picture in clip.pictures(spread_numbers([clip], _FIRST_SAMPLES))]
+        samples = [picture for _, picture in clip.samples(_FIRST_SAMPLES)]
         for printed in prints:
             if any(Detector(printed).find(picture) for picture in samples):
                 return printed
@@ -147,8 +147,7 @@ def _sightings(
     by_frame = dict(seen.by_frame)
     for kind, most in ((INTRINSICS, _MOST_LOOKED_AT), (ORIGIN, _MOST_OF_ORIGIN)):
         for other in (other for other in find_clips(folder / kind) if other.camera == clip.camera):
-            pictures = other.pictures(spread_numbers([other], most))
-            found = look_through(clip.camera, pictures, detector)
+            found = look_through(clip.camera, other.samples(most), detector)
             if kind == INTRINSICS:
                 own = {-1 - camera - n_cameras * frame: view for frame, view in found.by_frame.items()}
                 by_frame.update(own)

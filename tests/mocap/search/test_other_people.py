@@ -286,9 +286,7 @@ def test_a_low_actor_is_found_where_he_or_she_was(
     model: Model, standing: Poser, silhouettes_of: Silhouettes
 ) -> None:
     """Beside somebody who stands: only without a known place it may be a box."""
-    crouching = somebody_at(
-        standing, 0.0, 0.0, hip_flexion=100, knee_flexion=140, waist_pitch=40, root_pitch=40
-    )
+    crouching = somebody_at(standing, 0.0, 0.0, hip_flexion=100, knee_flexion=140, root_pitch=40)
     crouching[2] -= 0.6
     others = somebody_at(standing, 1.2, 0.3)
     both = unpack(silhouettes_of(crouching) | silhouettes_of(others), 8)
