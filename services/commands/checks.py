@@ -24,7 +24,8 @@ from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
 from services.runs.take_silhouettes import TakeSilhouettes, trimaps_of
 from services.segmentation.foreign_plates import foreign_plates
-from services.segmentation.segmenters import PlateCheck, chosen_segmenter
+from services.segmentation.segmenters import PlateCheck, chosen_segmenter, make_segmenter
+from services.segmentation.silhouettes import Segmenter
 
 CheckOption: TypeAlias = Annotated[
     bool,
@@ -110,13 +111,18 @@ def _compared(
 ) -> Comparison:
     """Compare the cameras; raises TakeError where it is certain that the take cannot be tracked.
 
-    moved: see outlines_of.
+    moved: by camera the pixels (h, w) of a moved object (Segmenter.moved), which one camera alone takes for
+    the actor; they are unsure.
     """
     take, plate_checks = silhouettes.take, list[PlateCheck]()
+
+    def segmenter_of(camera: Camera) -> Segmenter:
+        known = silhouettes.backgrounds
+        made = make_segmenter(take, [camera], silhouettes.name, plate_checks.append, backgrounds=known)
+        return made.knowing(moved or {})
+
     with kept_warnings() as warnings:
-        cameras, outlines, _ = outlines_of(
-            take, frames, progress, silhouettes.name, moved, plate_checks.append, silhouettes.backgrounds
-        )
+        cameras, outlines, _ = outlines_of(take, frames, progress, segmenter_of)
         found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
         certain = [mistake for mistake in found if mistake.is_certain]
         if certain:
@@ -146,7 +152,7 @@ def _causes(
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:
         return
-    compared, first, moved = before, _first_of(silhouettes, frames), silhouettes.segmenter.moved()
+    compared, first, moved = before, _first_of(silhouettes, frames), silhouettes.segmenter.source.moved()
     if compared is None or compared.frames != first or moved:
         compared = _compared(silhouettes, first, progress, moved)
     yield from map(_remark, silhouettes.remarks)
@@ -160,7 +166,7 @@ def _causes(
         some = [compared.frames[k] for k in evenly(len(compared.frames), _FRAMES_FOR_FEET)]
         segmenter = silhouettes.segmenter
         together = trimaps_of(take, some, segmenter, lambda _: None)
-        faults = silhouette_faults(compared.cameras, compared.outlines, together, segmenter.moved())
+        faults = silhouette_faults(compared.cameras, compared.outlines, together, segmenter.source.moved())
         yield from map(_cause_of, faults)
 
 

@@ -73,7 +73,7 @@ def fit_take(
     def fit_to(some: range, show: Show) -> TakeFit:
         return fit_past_furniture(
             partial(fit_frames, silhouettes, engine, search, mesh, some, is_refined_next=is_refined_next),
-            lambda: silhouettes.segmenter.blind(),
+            lambda: silhouettes.segmenter.source.blind(),
             show,
         )
 

@@ -94,12 +94,12 @@ def cut_motion_blur(
         unmarked = unmarked[~tracked.marks.distrusted.any(axis=1)]
     outlines = list[MovingOutline]()
     for row in unmarked[evenly(len(unmarked), _LOOKED_AT)].tolist():
-        (moment,) = segmenter.raw_moments(frames[row], frames[row] + 1, with_pictures=False)
+        (moment,) = segmenter.source.raw_moments(frames[row], frames[row] + 1, with_pictures=False)
         outlines += moving.outlines(row, moment.trimaps)
     blur = blur_of(outlines)
     if blur > 0.0:
         log.warning("%s", _BLURRED)
-        moments = segmenter.raw_moments(frames[0], frames[-1] + 1, with_pictures=False)
+        moments = segmenter.source.raw_moments(frames[0], frames[-1] + 1, with_pictures=False)
         for row, moment in enumerate(moments):
             outlines = moving.outlines(row, moment.trimaps, least_px=_LEAST_CUT_PX)
             of_cameras = zip(moment.trimaps, outlines, strict=True)

@@ -1,6 +1,6 @@
 """The outlines of a take's silhouettes, each camera's made without the help of the others."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
@@ -12,26 +12,22 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.side_by_side import N_CORES
 from services.mocap.take.folder import Take
-from services.mocap.types import Mask, Trimap
-from services.segmentation.background import CameraBackground
-from services.segmentation.segmenters import AUTO, PlateCheck, make_segmenter
+from services.mocap.types import Trimap
+from services.segmentation.segmenters import make_segmenter
+from services.segmentation.silhouettes import Segmenter
 
 
 def outlines_of(
     take: Take,
     frames: range,
     progress: Callable[[float], None],
-    segmenter: str = AUTO,
-    moved: Mapping[str, Mask] | None = None,
-    later: Callable[[PlateCheck], None] = lambda check: check(),
-    backgrounds: Mapping[str, CameraBackground] | None = None,
+    segmenter_of: Callable[[Camera], Segmenter] | None = None,
 ) -> tuple[tuple[Camera, ...], Outlines, Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and trimaps (C, H, W) of the middle
     frame.
 
-    progress: called with 0 to 1. moved: by camera the pixels (h, w) that show a moved object
-    (Segmenter.moved), which one camera alone takes for the actor; they are unsure. later,
-    backgrounds: as make_segmenter's.
+    progress: called with 0 to 1. segmenter_of: makes the segmenter of one camera alone; by default the usual
+    one.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -39,8 +35,8 @@ def outlines_of(
 
     def of_camera(c: int) -> list[Outline | None]:
         found: list[Outline | None] = []
-        alone = make_segmenter(take, [take.cameras[c]], segmenter, later, backgrounds=backgrounds)
-        alone = alone.knowing(moved or {})
+        camera = take.cameras[c]
+        alone = make_segmenter(take, [camera]) if segmenter_of is None else segmenter_of(camera)
         trimaps = islice(alone.trimaps(frames.start, frames.stop), 0, None, frames.step)
         for n, (trimap,) in enumerate(trimaps):
             found.append(outline_of(trimap, cameras[c]))

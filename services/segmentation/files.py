@@ -52,7 +52,7 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
 
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, segmenter)
-        for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
+        for frame, moment in enumerate(made.source.raw_moments(0, take.settings.frames)):
             for _ in side_by_side(partial(write, part, frame), enumerate(moment.trimaps)):
                 advance()
         sentence = thirds_in_words(take.camera_names, thirds)

@@ -12,7 +12,7 @@ from services.mocap.atomic import write_file
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.segmentation.joint import JointMatte
-from services.segmentation.silhouettes import GroupMatte
+from services.segmentation.mattes import GroupMatte
 
 _MOST_OF_DISK = 0.25
 """Share of the free space that it may take: eight cameras need up to 100 MB in 320x240, 340 MB in 640x480."""

@@ -26,7 +26,8 @@ from services.segmentation.joint import JointMatte
 from services.segmentation.kept_matte import learnt_once
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.learning import learn_from_take
-from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, SeparateMattes
+from services.segmentation.mattes import GroupMatte, Matte, SeparateMattes
+from services.segmentation.silhouettes import OwnSilhouettes, Segmenter, VideoSilhouettes
 
 _KEY_PICTURES = 8
 """Number of pictures from which a screen's colour is estimated."""
@@ -97,7 +98,7 @@ def make_segmenter(
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
-        return Segmenter.of_silhouettes(take, cameras)
+        return Segmenter(cameras, OwnSilhouettes(take, cameras))
     known = backgrounds or {}
     of_cameras = [known.get(camera.name) or CameraBackground(take, camera) for camera in cameras]
     learn = partial(_matte_of_take, take, cameras, chosen, later, of_cameras)
@@ -105,7 +106,7 @@ def make_segmenter(
     kept_trimaps = None if kept is None else KeptTrimaps(kept, cameras)
     if kept_trimaps is None or not kept_trimaps.has_all(take.settings.frames):
         matte()
-    return Segmenter.of_videos(take, cameras, matte, kept_trimaps)
+    return Segmenter(cameras, VideoSilhouettes(take, cameras, matte, kept_trimaps))
 
 
 def _matte_of_take(

@@ -1,12 +1,11 @@
-"""What every way to make silhouettes has in common: of one picture, of a moment, of a take frame by frame."""
+"""The silhouettes of a take, frame by frame, wherever they come from."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cached_property
 from typing import Protocol
 
-import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
@@ -14,83 +13,11 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_classes, pack_trimaps
 from services.mocap.side_by_side import side_by_side
 from services.mocap.take.folder import Take
-from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
+from services.mocap.types import ACTOR, UNSURE, Bytes, Mask, Trimap
 from services.segmentation.cleanup import box_of
 from services.segmentation.colour_classes import classes_of
 from services.segmentation.kept_trimaps import KeptTrimaps
-from services.segmentation.lenses import Lenses
-from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
-
-_LEAST_OTHERS = 3
-"""One of the other cameras may miss an object, and two must agree on its position."""
-_SUPPORTED = 0.25
-"""Share of a blob's area that the others must leave room for; the actor's parts have most of theirs."""
-
-
-class Matte(Protocol):
-    """Segments one camera's pictures, each independently."""
-
-    def trimap(self, image_bgr: Bytes, /) -> Trimap:
-        """The actor in a raw picture (H, W, 3) BGR uint8: a trimap (H, W)."""
-        ...
-
-
-class GroupMatte(Protocol):
-    """Segments the pictures that several cameras took at one moment."""
-
-    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
-        """The actor in raw pictures (H, W, 3) by the camera's place: trimaps (H, W). Cameras may be
-        missing."""
-        ...
-
-    @property
-    def moved(self) -> list[Mask]:
-        """Per camera (H, W): where an object was added or removed since the plate was recorded, if this looks
-        for some."""
-        ...
-
-    @property
-    def blind(self) -> list[Mask]:
-        """Per camera (H, W): where something seems to hide the actor, whom nearly all others see along these
-        rays, if this looks for that."""
-        ...
-
-
-class SeparateMattes:
-    """A matte for each camera, none of which knows of the others; blobs that only one camera sees go."""
-
-    def __init__(self, cameras: Sequence[Camera], mattes: Sequence[Matte]) -> None:
-        self._mattes = list(mattes)
-        has_enough = len(cameras) > _LEAST_OTHERS
-        self._voxels = VoxelGrid.of(cameras, Lenses.of(cameras), 0.0) if has_enough else None
-        self.moved: list[Mask] = [np.zeros(camera.shape_px, np.bool_) for camera in cameras]
-        self.blind = self.moved
-
-    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
-        """See GroupMatte.trimaps: without blobs that no other camera supports.
-
-        Blobs consist of certain actor pixels; other cameras' unsure pixels leave room, and are not changed. A
-        picture with at most one blob is not changed, nor one in which no blob is supported, because the
-        calibration may be wrong.
-        """
-        trimaps = {c: self._mattes[c].trimap(image) for c, image in images_bgr.items()}
-        blobs = {
-            c: cv2.connectedComponents((trimap == ACTOR).view(np.uint8)) for c, trimap in trimaps.items()
-        }
-        if self._voxels is None or len(trimaps) <= _LEAST_OTHERS or all(n <= 2 for n, _ in blobs.values()):
-            return trimaps
-        width, height = self._voxels.lenses.sizes_px.max(axis=0)
-        misses = np.full((len(self._mattes), height, width), MISS, np.uint8)
-        for c, trimap in trimaps.items():
-            misses[c, : trimap.shape[0], : trimap.shape[1]] = np.where(trimap == BACKGROUND, MISS, 0)
-        there = np.array(sorted(trimaps), np.int32)
-        for c, classes in zip(map(int, there), self._voxels.classes(misses, there), strict=True):
-            n, labels = blobs[c]
-            areas_px = np.bincount(labels.ravel(), minlength=n)
-            supported = np.bincount(labels[classes != MORE_MISS], minlength=n) >= _SUPPORTED * areas_px
-            if n > 2 and supported[1:].any():
-                trimaps[c][(labels > 0) & ~supported[labels]] = BACKGROUND
-        return trimaps
+from services.segmentation.mattes import GroupMatte
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +71,97 @@ class LearntCameras:
         return classes
 
 
-class RawMoments(Protocol):
-    """Reads moments of a take."""
+class SilhouetteSource(Protocol):
+    """Where the silhouettes of some cameras of a take come from."""
 
-    def __call__(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
-        """Of frames from start up to and without stop. with_pictures: whether they are needed; moments may
-        have them nevertheless."""
+    def raw_moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+        """Of frames from start up to and without stop, with lens distortion and without colour classes.
+
+        with_pictures: whether they are needed; moments may have them nevertheless.
+        """
         ...
+
+    def moved(self) -> dict[str, Mask]:
+        """By camera the pixels (h, w), without lens distortion, where an object was added or removed since
+        the clean plates were recorded."""
+        ...
+
+    def blind(self) -> dict[str, Mask]:
+        """By camera the pixels (h, w), without lens distortion, where something seems to hide the actor;
+        where cameras are few, or wrongly calibrated, often nothing does."""
+        ...
+
+
+class VideoSilhouettes:
+    """What a matte makes of the cameras' videos, except for frames whose trimaps are kept; those that it
+    makes are kept, too. See SilhouetteSource."""
+
+    def __init__(
+        self,
+        take: Take,
+        cameras: Sequence[Camera],
+        matte: Callable[[], GroupMatte],
+        kept: KeptTrimaps | None = None,
+    ) -> None:
+        """matte: returns the same one whenever it is called."""
+        self._take, self._cameras, self._matte, self._kept = take, cameras, matte, kept
+
+    def raw_moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+        """See SilhouetteSource."""
+        pictures: Iterator[dict[int, Bytes]] | None = None
+        for frame in range(start, stop):
+            trimaps = None if self._kept is None else self._kept.read(frame)
+            if pictures is None and (with_pictures or trimaps is None):
+                pictures = self._pictures(frame, stop)
+            images = None if pictures is None else next(pictures)
+            if trimaps is None:
+                found = self._matte().trimaps(images or {})
+                trimaps = [found[c] for c in range(len(self._cameras))]
+                if self._kept is not None:
+                    self._kept.keep(frame, trimaps)
+            yield Moment(trimaps, images)
+
+    def moved(self) -> dict[str, Mask]:
+        """See SilhouetteSource."""
+        return self._undistorted(self._matte().moved)
+
+    def blind(self) -> dict[str, Mask]:
+        """See SilhouetteSource."""
+        return self._undistorted(self._matte().blind)
+
+    @cached_property
+    def _single_pictures(self) -> "SinglePictures":
+        return SinglePictures(self._take, self._cameras)
+
+    def _pictures(self, start: int, stop: int) -> Iterator[dict[int, Bytes]]:
+        if stop == start + 1:
+            return iter([self._single_pictures.read(start)])
+        return pictures_of(self._take, self._cameras, start, stop)
+
+    def _undistorted(self, masks: list[Mask]) -> dict[str, Mask]:
+        pairs = zip(self._cameras, masks, strict=True)
+        undistorted = {camera.name: Undistorter(camera).mask(mask) for camera, mask in pairs}
+        return {name: mask for name, mask in undistorted.items() if mask.any()}
+
+
+class OwnSilhouettes:
+    """The silhouettes that are in a take. See SilhouetteSource."""
+
+    def __init__(self, take: Take, cameras: Sequence[Camera]) -> None:
+        self._take, self._cameras = take, cameras
+
+    def raw_moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+        """See SilhouetteSource; there are no pictures."""
+        del with_pictures
+        of_cameras = [self._take.trimaps(camera, start, stop) for camera in self._cameras]
+        for trimaps in zip(*of_cameras, strict=True):
+            yield Moment(list(trimaps))
+
+    def moved(self) -> dict[str, Mask]:
+        """Nothing is known."""
+        return {}
+
+    blind = moved
 
 
 class Segmenter:
@@ -159,94 +170,27 @@ class Segmenter:
     def __init__(
         self,
         cameras: Sequence[Camera],
-        raw_moments: RawMoments,
+        source: SilhouetteSource,
         occluded: Mapping[str, Mask] | None = None,
         colour_tables: Mapping[str, Bytes] | None = None,
-        moved: Callable[[], Mapping[str, Mask]] = dict,
-        blind: Callable[[], Mapping[str, Mask]] = dict,
     ) -> None:
         """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the actor.
-        colour_tables: by camera what the colour classes look like there (colour_classes). moved, blind: see
-        there."""
-        self.raw_moments = raw_moments
-        """Of frames from start up to and without stop, with lens distortion and without colour classes."""
-        self._cameras = cameras
+        colour_tables: by camera what the colour classes look like there (colour_classes)."""
+        self._cameras, self.source = cameras, source
         self._learnt = LearntCameras(cameras, occluded or {}, colour_tables or {})
-        self.moved = moved
-        """Returns by camera the pixels (h, w), without lens distortion, where an object was added or removed
-        since the clean plates were recorded."""
-        self.blind = blind
-        """Returns by camera the pixels (h, w), without lens distortion, where something seems to hide the
-        actor; where cameras are few, or wrongly calibrated, often nothing does."""
-
-    @classmethod
-    def of_videos(
-        cls,
-        take: Take,
-        cameras: Sequence[Camera],
-        matte: Callable[[], GroupMatte],
-        kept: KeptTrimaps | None = None,
-    ) -> "Segmenter":
-        """What a matte makes of the cameras' videos, except for frames whose trimaps are kept; those that it
-        makes are kept, too.
-
-        matte: returns the same one whenever it is called.
-        """
-
-        single = cache(partial(SinglePictures, take, cameras))
-
-        def pictures_from(start: int, stop: int) -> Iterator[dict[int, Bytes]]:
-            if stop == start + 1:
-                return iter([single().read(start)])
-            return pictures_of(take, cameras, start, stop)
-
-        def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
-            pictures: Iterator[dict[int, Bytes]] | None = None
-            for frame in range(start, stop):
-                trimaps = None if kept is None else kept.read(frame)
-                if pictures is None and (with_pictures or trimaps is None):
-                    pictures = pictures_from(frame, stop)
-                images = None if pictures is None else next(pictures)
-                if trimaps is None:
-                    found = matte().trimaps(images or {})
-                    trimaps = [found[c] for c in range(len(cameras))]
-                    if kept is not None:
-                        kept.keep(frame, trimaps)
-                yield Moment(trimaps, images)
-
-        def by_name(masks: list[Mask]) -> dict[str, Mask]:
-            undistorted = {c.name: Undistorter(c).mask(m) for c, m in zip(cameras, masks, strict=True)}
-            return {name: mask for name, mask in undistorted.items() if mask.any()}
-
-        return cls(
-            cameras,
-            raw_moments,
-            moved=lambda: by_name(matte().moved),
-            blind=lambda: by_name(matte().blind),
-        )
-
-    @classmethod
-    def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
-        """The take's own silhouettes."""
-
-        def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
-            del with_pictures  # there are none
-            for trimaps in zip(*(take.trimaps(camera, start, stop) for camera in cameras), strict=True):
-                yield Moment(list(trimaps))
-
-        return cls(cameras, raw_moments)
 
     def knowing(
         self, occluded: Mapping[str, Mask], colour_tables: Mapping[str, Bytes] | None = None
     ) -> "Segmenter":
         """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure, and with
         colour classes."""
-        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables, self.moved, self.blind)
+        return Segmenter(self._cameras, self.source, occluded, colour_tables)
 
     def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
-        stop. with_pictures: see RawMoments."""
-        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or self._learnt.has_colours):
+        stop. with_pictures: see SilhouetteSource.raw_moments."""
+        with_pictures = with_pictures or self._learnt.has_colours
+        for raw in self.source.raw_moments(start, stop, with_pictures=with_pictures):
             yield self._learnt.moment(dict(enumerate(raw.trimaps)), raw.images_bgr)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:

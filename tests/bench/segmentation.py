@@ -81,7 +81,7 @@ def _measured(take: Take, name: str, every: int) -> list[Row]:
     segmenter = make_segmenter(take, take.cameras, name, lambda _: None)
     moments_ms: list[float] = []
     qualities: list[list[Quality]] = [[] for _ in take.cameras]
-    moments = iter(segmenter.raw_moments(0, take.settings.frames))
+    moments = iter(segmenter.source.raw_moments(0, take.settings.frames))
     for frame in range(take.settings.frames):
         began_ms = _now_ms()
         trimaps = next(moments).trimaps

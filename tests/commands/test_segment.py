@@ -30,7 +30,7 @@ class _Given:
     """In place of a segmenter: the second camera loses the legs in some frames."""
 
     def __init__(self, unsure_frames: int) -> None:
-        self._unsure_frames = unsure_frames
+        self._unsure_frames, self.source = unsure_frames, self
 
     def raw_moments(self, start: int, stop: int, **_: bool) -> Iterator[Moment]:
         for frame in range(start, stop):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Mask, Trimap
 from services.runs.motion_blur import MovingOutline, blur_of, cut_motion_blur, without_smear
 from services.segmentation.kept_trimaps import KeptTrimaps
-from services.segmentation.silhouettes import Moment, Segmenter
+from services.segmentation.silhouettes import Segmenter, VideoSilhouettes
 
 _EXPOSURE = 0.375
 """Of a frame, as with a shutter of 1/40 s at 15 frames a second."""
@@ -58,12 +59,8 @@ def _kept(folder: Path, cameras: list[Camera], seen: Iterator[Mask]) -> tuple[Se
     kept = KeptTrimaps(folder, cameras)
     for frame, masks in enumerate(seen):
         kept.keep(frame, list(masks * np.uint8(ACTOR)))
-
-    def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
-        assert not with_pictures
-        return (Moment(kept.read(frame) or []) for frame in range(start, stop))
-
-    return Segmenter(cameras, raw_moments), kept
+    no_others = Mock(side_effect=AssertionError("they are kept"))
+    return Segmenter(cameras, VideoSilhouettes(Mock(), cameras, no_others, kept)), kept
 
 
 def _shares_off(kept: KeptTrimaps, exact: list[Mask]) -> float:

@@ -259,7 +259,7 @@ def test_what_a_network_does_not_know_is_unsure(
     monkeypatch.setattr(RedNetwork, "doubt", opacity)
     take = open_take(small_take())
     made = make_segmenter(take, take.cameras, f"onnx:{network}")
-    trimap = next(made.raw_moments(0, 1)).trimaps[0]
+    trimap = next(made.source.raw_moments(0, 1)).trimaps[0]
     assert (trimap[:7] == UNSURE).all() == unsure
     assert not (trimap[10:] == UNSURE).any()
 
@@ -271,7 +271,7 @@ def test_a_network_that_fails_on_a_picture(
     take = open_take(small_take())
     made = make_segmenter(take, take.cameras, f"onnx:{network}")
     with pytest.raises(UserError, match=r"red\.onnx: failed on a picture \(wrong shape\): export it again"):
-        next(made.raw_moments(0, 1))
+        next(made.source.raw_moments(0, 1))
 
 
 def test_a_network_that_wants_a_plate_or_something_else(

@@ -8,7 +8,7 @@ import pytest
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask, Trimap
-from services.segmentation.silhouettes import SeparateMattes
+from services.segmentation.mattes import SeparateMattes
 
 Cameras = Callable[[int], list[Camera]]
 Ball = Callable[[Camera, int], Mask]

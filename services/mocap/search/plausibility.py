@@ -81,20 +81,7 @@ def look_first(
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
-    return _look(
-        rig, silhouettes, names, possible, places, np.zeros_like(silhouettes) if others is None else others
-    )
-
-
-def _look(
-    rig: Rig,
-    silhouettes: Mask,
-    names: Sequence[str],
-    possible: Mask,
-    places: Places,
-    others: Mask,
-) -> FirstLook:
-    """As look_first; others (C, H, W): what shows other people, besides the silhouettes."""
+    others = np.zeros_like(silhouettes) if others is None else others
     shares = _foreground_shares(rig, silhouettes)
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
     full = tuple(c for c, share in enumerate(shares) if share > FULL_SHARE)
@@ -121,7 +108,7 @@ def _look(
             _check_agreement(agreement, names)
     if found is not None:
         all_others = others | found.others
-        look = _look(rig, silhouettes & ~found.others, names, possible, places, all_others)
+        look = look_first(rig, silhouettes & ~found.others, names, possible, places, all_others)
         if look.two is not None:  # of more people than were told apart at once
             return look
         remark = _TWO.format(*np.median(found.actor_world_m[:, :2], axis=0))

@@ -116,7 +116,7 @@ def test_segment_writes_files_that_fit_the_calibration(small_take: SmallTake, tm
     (take.folder / "silhouettes").symlink_to(tmp_path / "out" / "silhouettes")
     again = open_take(take.folder)
     assert again.source == "silhouettes"
-    made = make_segmenter(take, take.cameras, "paper").raw_moments(0, 2)
+    made = make_segmenter(take, take.cameras, "paper").source.raw_moments(0, 2)
     for moment, *trimaps in zip(made, *map(again.trimaps, again.cameras), strict=True):
         assert all((trimap == ACTOR).any() for trimap in trimaps)
         for ours, theirs in zip(moment.trimaps, trimaps, strict=True):
