@@ -1,4 +1,15 @@
-"""Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
+"""Tracks a take with a progress bar, in as many runs as its body needs. Results are always those of the last.
+
+- The body is given, or not to be fitted again: one run, both ways.
+- It was fitted to the first frames only, now or before: a first run, forwards only, whose poses the second
+  fit needs; that fit, to frames of the whole take; then a second run, both ways. If the second fit keeps the
+  body, the first run is repeated both ways.
+- In the results of a run the actor faces the other way: first of all one more, forwards, from a fit the
+  other way round.
+
+If the first pose was found later in the take than in its first frame, the first run goes both ways: else what
+is before would have no poses.
+"""
 
 import shlex
 import shutil
@@ -73,46 +84,45 @@ def forwards(job: TakeJob) -> TakeJob:
 
 
 def fit_and_track(
-    job: TakeJob, silhouettes: TakeSilhouettes, mesh: Path | None, *, goes_on: bool
+    job: TakeJob, silhouettes: TakeSilhouettes, mesh: Path | None, *, is_first_run: bool
 ) -> dict[str, Any]:
     """Fit an actor to the first frames, for this run only, and track; returns run.json.
 
-    mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then the run goes forwards
-    only, unless the first pose was found later in the take, and it is not repeated if its results are there
-    because the next one was interrupted.
+    mesh: a file with an own mesh to fit. is_first_run: whether track_again follows; the first run is not
+    repeated if its results are there because the second one was interrupted.
     """
     take, own, warnings = job.take, None, list[str]()
     if mesh is not None:
         imported = import_mesh(mesh)
         own, warnings = imported.mesh, list(imported.remarks)
-    if not goes_on:
+    if not is_first_run:
         words = ["xormocap", "fit", str(take.folder), *(() if mesh is None else ("--mesh", str(mesh)))]
         command = shlex.join(words)
         say(f"the body is fitted for this run; {command} stores one in the take")
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    first = init_frames(take, start=job.frames.start, is_refined_next=goes_on)
+    first = init_frames(take, start=job.frames.start, is_refined_next=is_first_run)
     work = partial(
         fit_take, silhouettes, first, engine, job.search, mesh=own, before=job.frames.stop,
-        is_refined_next=goes_on,
+        is_refined_next=is_first_run,
     )  # fmt: skip
     with _fit_folder() as fitted:
         with blamed_first(job.checks):
             found = fit_with_bar(take, fitted, work)
-        if goes_on and found.frames[0] == first.start:
+        if is_first_run and found.frames[0] == first.start:
             job = forwards(job)
-        if goes_on and (report := _tracked_before(job, found.actor)) is not None:
+        if is_first_run and (report := _tracked_before(job, found.actor)) is not None:
             warn(not_told(found.warnings, job.checks))
             return report
         return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 
 
-def track_given(job: TakeJob, remarks: Sequence[str] = (), *, goes_on: bool) -> dict[str, Any]:
+def track_given(job: TakeJob, remarks: Sequence[str] = (), *, is_first_run: bool) -> dict[str, Any]:
     """Track with the body and first poses of job.fitted, or else of the take, and print these remarks;
-    goes_on: as in fit_and_track."""
+    is_first_run: as in fit_and_track."""
     record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
-    if goes_on and (record is None or record.first_frame <= job.frames.start):
+    if is_first_run and (record is None or record.first_frame <= job.frames.start):
         job = forwards(job)
-    actor = take_actor(job.take) if goes_on and job.fitted is None else None
+    actor = take_actor(job.take) if is_first_run and job.fitted is None else None
     if actor is not None and (report := _tracked_before(job, actor)) is not None:
         warn(not_told(remarks, job.checks))
         return report
@@ -142,12 +152,12 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any] | None:
 def track_again(
     job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any], *, is_asked_for: bool
 ) -> dict[str, Any]:
-    """Fit and track again as _refined does, once more if the actor then faces the other way; returns
-    run.json."""
+    """What follows the first run, whose report is given; returns the last run.json. is_asked_for: see
+    _fitted_again."""
     report = _right_way_round(job, silhouettes, report)
-    report = _refined(job, silhouettes, report, is_asked_for=is_asked_for)
+    report = _fitted_again(job, silhouettes, report, is_asked_for=is_asked_for)
     right = _right_way_round(job, silhouettes, report)
-    return report if right is report else _refined(job, silhouettes, right, is_asked_for=is_asked_for)
+    return report if right is report else _fitted_again(job, silhouettes, right, is_asked_for=is_asked_for)
 
 
 def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any]) -> dict[str, Any]:
@@ -165,7 +175,7 @@ def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[st
         return track_with_bar(forwards(replace(job, fitted=fitted, overlay=False)))
 
 
-def _refined(
+def _fitted_again(
     job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any], *, is_asked_for: bool
 ) -> dict[str, Any]:
     """Fit the actor to frames of the whole take, by the results in job.out, usually of a run forwards, and
@@ -184,13 +194,13 @@ def _refined(
             found = fit_with_bar(job.take, fitted, work)
         except UserError as error:
             if is_asked_for:
-                _completed(job, report, before)
+                _finish_with(before, job, report)
                 raise
             warn([f"the body was not fitted again to the whole take: {error}"])
-            return _completed(job, report, before)
+            return _finish_with(before, job, report)
         if found.actor == before and found.moved_take is None:
             say(_AS_IT_IS)
-            return _completed(job, report, before)
+            return _finish_with(before, job, report)
         report = track_with_bar(replace(job, fitted=fitted), found.warnings)
     _say_what_changed(job, before, found.actor)
     return report
@@ -210,9 +220,9 @@ def _say_what_changed(job: TakeJob, before: Actor, after: Actor) -> None:
     say(f"the body was fitted again, to frames of the whole take; {changed}; {stored}")
 
 
-def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, Any]:
-    """The report of the job with the actor of its first run, which drew no overlay; if it went forwards only,
-    it is repeated both ways."""
+def _finish_with(actor: Actor, job: TakeJob, report: dict[str, Any]) -> dict[str, Any]:
+    """The last run.json, with the actor of the first run: if that went forwards only, it is repeated both
+    ways, and else what it did not draw is drawn."""
     if job.search.goes_both_ways and CORRECTED_FRAMES not in report:
         of_first = job.out / FIT_FOLDER
         with _fit_folder() as fitted:

@@ -128,9 +128,9 @@ def track(
             job = replace(job, forks=stack.enter_context(closing(forks)))
         first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:
-            report = fit_and_track(first, silhouettes, mesh, goes_on=again)
+            report = fit_and_track(first, silhouettes, mesh, is_first_run=again)
         else:
-            report = track_given(first, silhouettes.remarks if again else (), goes_on=again)
+            report = track_given(first, silhouettes.remarks if again else (), is_first_run=again)
         if again:
             report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)

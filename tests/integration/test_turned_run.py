@@ -122,8 +122,8 @@ def test_an_interrupted_second_run_repeats_the_first_one_only_if_the_take_has_ch
         out=out, workers=0, engine=EngineSettings(), search=search, take=open_take(folder),
         frames=range(14, 20), overlay=False,
     )  # fmt: skip
-    assert fitted_runs.track_given(job, goes_on=True) == run
+    assert fitted_runs.track_given(job, is_first_run=True) == run
     picture = next((folder / "silhouettes").rglob("*.png"))
     later_ns = (out / RUN_JSON).stat().st_mtime_ns + 1_000_000_000
     os.utime(picture, ns=(later_ns, later_ns))
-    assert fitted_runs.track_given(job, goes_on=True) == {"speed": {"fps": 2.0}}
+    assert fitted_runs.track_given(job, is_first_run=True) == {"speed": {"fps": 2.0}}
