@@ -44,6 +44,10 @@ uncovered: three cameras, one of them wrong, may still cover most of their silho
 _CUT_SHARE, _DECISIVE_OF_CUT = 0.1, 0.02
 """Where further pieces of the hull cover more than this share of the silhouettes, something may hide part of
 the actor from a camera; it is the one without which the hull is whole and covers this much more."""
+_FEWEST_FOR_POST, _LEAST_PART = 6, 0.2
+"""A post hides little of the actor but may cut the picture of one camera in two. With so many cameras, the
+camera is left out if the hull is whole only without it, and if no other camera sees two parts, the smaller of
+at least this share of the larger: of so many cameras, most see two people apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,10 @@ def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possib
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
         choices.sort(key=lambda choice: -choice.filled)
+        post = _without_post(space, cameras, choices) if is_cut and n_odd == 1 else None
+        if post is not None:
+            best = post
+            break
         if n_odd > _MOST_LEFT_OUT:
             is_decided = choices[0].filled >= _ALL_FILLED and not all_filled
         elif is_cut:
@@ -131,6 +139,15 @@ def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
     return filled >= WELL_FILLED and margin >= needed
 
 
+def _without_post(space: "_Space", cameras: tuple[int, ...], choices: list[_Choice]) -> _Choice | None:
+    """The choice without the only camera that sees the actor cut in two; None if there is no such camera."""
+    if len(cameras) < _FEWEST_FOR_POST:
+        return None
+    whole = [choice for choice in choices if not space.is_cut(choice.kept)]
+    in_parts = tuple(c for c in cameras if space.views[c].is_in_parts())
+    return whole[0] if [choice.odd for choice in whole] == [in_parts] else None
+
+
 def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
     """The single cameras without which the others agree, in their order; none if it may be any."""
     likely = [c for c in choices if c.filled >= max(WELL_FILLED, choices[0].filled - _DECISIVE)]
@@ -150,7 +167,7 @@ class _Space:
         centre_m = meeting_point(rig, silhouettes, list(cameras))
         self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
         self._looks = looked_at(rig, possible, range(rig.n_cameras), self._points_m)
-        self._views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
+        self.views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
 
     def filled(self, cameras: tuple[int, ...]) -> float:
         """The share of some cameras' silhouettes that the hull of these cameras covers, on average."""
@@ -163,7 +180,7 @@ class _Space:
 
     def covered(self, camera: int, points_m: Floats) -> float:
         """The share of a camera's silhouette that voxels about points (N, 3) cover."""
-        return self._views[camera].share(self._views[camera].draw(points_m))
+        return self.views[camera].share(self.views[camera].draw(points_m))
 
     def is_cut(self, cameras: tuple[int, ...]) -> bool:
         """Whether the hull of some cameras is in several pieces that count."""
@@ -191,9 +208,9 @@ class _Space:
         n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):
-            drawn = [self._views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
+            drawn = [self.views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
             once = np.sum(drawn, axis=0) == 1
-            shares[:, k] = [self._views[c].share(piece & once) for piece in drawn]
+            shares[:, k] = [self.views[c].share(piece & once) for piece in drawn]
         return np.asarray(np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1))
 
     def _inside(self, cameras: tuple[int, ...], n_missed: int = 0) -> Mask:
@@ -232,6 +249,12 @@ class _View:
         drawn[pixel[:, 1], pixel[:, 0]] = 1
         wide: Mask = cv2.dilate(drawn, np.ones((3, 3), np.uint8)) > 0
         return wide
+
+    def is_in_parts(self) -> bool:
+        """Whether the silhouette has a second part that counts."""
+        statistics = cv2.connectedComponentsWithStats(self.silhouette.astype(np.uint8))[2]
+        areas_px = np.sort(statistics[1:, cv2.CC_STAT_AREA])[::-1]
+        return len(areas_px) > 1 and bool(areas_px[1] >= _LEAST_PART * areas_px[0])
 
     def share(self, drawn: Mask) -> float:
         """The share of the silhouette that a picture (h, w) covers."""
