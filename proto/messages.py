@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 13
+PROTOCOL_VERSION = 14
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -261,6 +261,10 @@ class TakeInfo(OfRun, type="take_info"):
     """Threads of the coordinator's cpu backend; 0 for one per core."""
     search: Settings
     """The search settings by name."""
+    coordinator: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")] = ""
+    """The random name of the coordinator itself, which changes if it restarts."""
+    continued_at: Count = 0
+    """The first frame that this coordinator solves of a run that another one began; 0 if it began the run."""
 
     @property
     def is_live(self) -> bool:

@@ -37,7 +37,7 @@ def await_clients(
 
     dispatcher, reporting = board.dispatcher, board.recorders
     wait_until(lambda: reporting.n_reported >= recorders, _ARRIVE_S)
-    held = reporting.held(plan.take.settings.name, plan.name)
+    held = reporting.held(plan.take.settings.name, plan.name, recorders)
     usable = held is not None and held.memory and (plan.actor is not None or held.actor.size)
     wait_until(lambda: dispatcher.n_workers >= workers, _RETURN_S if usable else _ARRIVE_S)
     if dispatcher.n_workers < workers or reporting.n_reported < recorders:

@@ -1,5 +1,6 @@
 """The coordinator's outgoing messages about its take."""
 
+import secrets
 import time
 from itertools import islice
 from typing import Literal, TypeVar
@@ -35,6 +36,9 @@ class OutgoingMessages:
     def __init__(self, plan: Plan, engine: Engine, board: Switchboard) -> None:
         self._plan, self._engine, self._board = plan, engine, board
         self.take, self.run = plan.take.settings.name, ""
+        self.continued_at = 0
+        """The first frame after those of another coordinator; 0 if this one began the run."""
+        self._coordinator = secrets.token_hex(16)
         self._published_s = time.perf_counter()
         self._seconds: dict[str, float] = {}
         self._filter, self._filtered_s = OneEuro(), -1.0
@@ -64,6 +68,8 @@ class OutgoingMessages:
             backend_reason=self._engine.reason[:LONGEST_REASON],
             threads=self._engine.settings.threads,
             search=self._plan.settings.model_dump(mode="json"),
+            coordinator=self._coordinator,
+            continued_at=self.continued_at,
         )
 
     def telemetry(self, stage: CoordinatorStage, next_frame: int) -> Telemetry:

@@ -61,7 +61,9 @@ class Recorders:
         self.foreign = 0
         """Number of messages of other runs."""
         self.heard_s = 0.0
-        """When a recorder last requested or confirmed frames, or the take ended."""
+        """When a recorder last got or confirmed frames, or the take ended."""
+        self._told_lacking: set[Identity] = set()
+        """Who was told that frames are no longer kept."""
 
     def __iter__(self) -> Iterator[Identity]:
         return iter(self._known)
@@ -84,11 +86,14 @@ class Recorders:
         """Number of recorders that have reported what they hold."""
         return len(self._recordings())
 
-    def held(self, take: str, plan: str) -> Recording | None:
-        """What all recorders hold of an earlier run of a plan; None if one of them has nothing."""
-        held = self._recordings()
+    def held(self, take: str, plan: str, n_expected: int) -> Recording | None:
+        """What all recorders that hold something hold of one earlier run of a plan.
+
+        None if they are fewer than are expected, or hold something else.
+        """
+        held = [one for one in self._recordings() if len(one.poses)]
         least = min(held, key=lambda recording: recording.end_frame, default=None)
-        if least is None or not len(least.poses):
+        if least is None or len(held) < n_expected:
             return None
         same = all((one.take, one.plan, one.run) == (take, plan, least.run) for one in held)
         return least if same else None
@@ -118,14 +123,18 @@ class Recorders:
 
     @property
     def settled_end(self) -> int:
-        """One past the last frame up to which all recorders have the settled poses of this run; 0 while some
-        have not reported."""
+        """One past the last frame up to which the expected recorders have the settled poses of this run; 0
+        while some have not reported."""
         return self._common_end(lambda recording: recording.settled_end)
 
     def _common_end(self, end_of: Callable[[Recording], int]) -> int:
-        """The least end that recorders report of this run; 0 while some have not reported."""
-        ends = [end_of(one) if one.run == self._run else 0 for one in self._recordings()]
-        return min(ends) if len(ends) >= max(1, self._n_expected) else 0
+        """The end up to which as many recorders as are expected have all frames of this run, or one; 0 while
+        fewer have reported."""
+        ends = sorted(
+            (end_of(one) if one.run == self._run else 0 for one in self._recordings()), reverse=True
+        )
+        needed = max(1, self._n_expected)
+        return ends[needed - 1] if len(ends) >= needed else 0
 
     def keep(self, pose: Pose) -> None:
         """Keep a published pose until all recorders have it on disk."""
@@ -156,11 +165,9 @@ class Recorders:
     def hear(self, identity: Identity, message: Recording | PoseRequest | Recorded) -> None:
         """Handle a message of a recorder, or a viewer's request for poses; for other runs only what is
         kept."""
-        if identity in self._known:
-            self.heard_s = time.monotonic()
         if isinstance(message, Recording):
             if identity in self._known:  # else a late message of a lost connection: hello comes first
-                self._known[identity].recording = message
+                self._known[identity].recording, self.heard_s = message, time.monotonic()
                 recorded_end = self._common_end(lambda recording: recording.end_frame)
                 self._recorded_end = max(self._recorded_end, recorded_end)
         elif message.run != self._run:
@@ -170,19 +177,28 @@ class Recorders:
         else:
             if identity not in self._known:  # it has reconnected and not registered yet
                 self._add(identity, "a recorder")
-            self._known[identity].end_frame = message.end_frame
+            self._known[identity].end_frame, self.heard_s = message.end_frame, time.monotonic()
 
     def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
+        """Send what is kept of the requested poses. Raises LostFramesError if some are not, and without this
+        recorder fewer than are expected have them: a viewer may miss some, and so may who comes besides."""
         kept = self._settled if request.settled else self._first
         if request.first_frame < kept.forgotten_end:
-            name = self._known[identity].name if identity in self._known else "a recorder"
+            name = self._known[identity].name if identity in self._known else "a viewer"
             problem = f"{name} lacks frame {request.first_frame}, which is no longer kept"
-            if self._n_expected and identity in self._known:  # a viewer may miss some
+            others = [one.recording for i, one in self._known.items() if i != identity and one.recording]
+            n_others = sum(one.run == self._run and one.end_frame > request.first_frame for one in others)
+            if identity in self._known and n_others < self._n_expected:
                 raise LostFramesError(f"{problem}: a restarted coordinator solves it again")
-            log.info("%s", problem)
+            if identity not in self._told_lacking:
+                self._told_lacking.add(identity)
+                log.warning("%s: it came too late to have results", problem)
         for frame in range(request.first_frame, request.end_frame)[:_MOST_AT_ONCE]:
-            if frame in kept and not self._send(identity, kept[frame]):
+            if frame not in kept:
+                continue
+            if not self._send(identity, kept[frame]):
                 break  # its queue is full; it asks again
+            self.heard_s = time.monotonic()
 
     def have_all(self, end_frame: int, handle_messages: Callable[[], None]) -> bool:
         """Whether all recorders, and as many as are expected, have confirmed all frames before end_frame.

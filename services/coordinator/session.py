@@ -83,6 +83,7 @@ class Session:
         # Eight or more workers share limbs.
         shards = held.shards if held else max(1, max(workers, self._board.dispatcher.n_workers) // len(LIMBS))
         self._outgoing.run = held.run if held else secrets.token_hex(16)
+        self._outgoing.continued_at = held.end_frame if held else 0
         self._solved_end = self._told_frame = held.end_frame if held else self._plan.frames.start
         self._board.recorders.begin(self._outgoing.run, self._solved_end, recorders)
         try:

@@ -30,6 +30,8 @@ class Collection:
         self._end: int | None = None
         self._is_empty = self._is_settled = False
         self._run: str | None = None
+        self._coordinator = ""
+        """The name of the latest one."""
         self.is_announced = False
         """Whether a coordinator has described this run, and not only the journal of an earlier recorder."""
         self._blobs = BlobStore()
@@ -48,13 +50,17 @@ class Collection:
         """Add a message; repeated, foreign and damaged ones change nothing.
 
         The description of another run means that the coordinator has started again: everything so far is
-        dropped.
+        dropped. If it continues a live run, what was received of the moments after that is dropped.
         """
         if isinstance(message, TakeInfo):
             if self._run not in (None, message.run):
                 self.info, self._end, self._blobs = None, None, BlobStore()
                 self._is_empty = self._is_settled = False
                 self._store.forget()
+            elif self.info is not None and message.is_live and message.coordinator != self._coordinator:
+                self._coordinator = message.coordinator
+                self._end, self._is_settled = None, False
+                self._store.keep(message)
             self.is_announced = True
         if isinstance(message, TakeInfo | Blob):
             if self._describe(message):
@@ -75,6 +81,7 @@ class Collection:
         """Add a description or content; False if it is known, unwanted or damaged (then it is requested
         again)."""
         if isinstance(message, TakeInfo):
+            self._coordinator = message.coordinator
             if self.info is not None:
                 return False
             self.info, self._run = message, message.run

@@ -29,6 +29,11 @@ class StoredPoses:
         """Add a frame whose pose is in the journal at this offset."""
         self._offsets[frame] = offset
 
+    def drop_from(self, frame: int) -> None:
+        """Drop this frame's pose and those of later ones; they stay in the journal."""
+        self._offsets = {number: offset for number, offset in self._offsets.items() if number < frame}
+        self._end = None if self._end is None else min(self._end, frame)
+
     @property
     def frames(self) -> list[int]:
         """The frames with a pose, in order of arrival."""
@@ -78,9 +83,16 @@ class Store:
             (self.settled if message.settled else self.first).note(message.frame, offset)
         elif isinstance(message, TakeInfo | Blob):
             self.described.append(message)
+            if isinstance(message, TakeInfo) and message.is_live and message.continued_at:
+                for poses in (self.first, self.settled):
+                    poses.drop_from(message.continued_at)
 
     def keep(self, message: TakeInfo | Blob | Pose) -> None:
-        """Store a message; it is safely on disk after `sync`."""
+        """Store a message; it is safely on disk after `sync`.
+
+        The description of a live take that is continued drops the poses from there on: those are of other
+        moments.
+        """
         self._note(message, self._journal.append(encode(message)))
 
     def sync(self) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -99,21 +99,14 @@ def told(endpoint_of: Switchboard, message: Message, recorder: Link) -> list[Mes
 
 def test_settled_poses_are_kept_until_recorders_have_them(board: Switchboard, recorder: Link) -> None:
     """More than a thousand are kept only as long as a recorder lacks them."""
-    holds = Recording(
-        take="walk", run=RUN, plan="0" * 64, shards=1, end_frame=1300, retries=0,
-        worker_backends={}, memory={}, poses=np.zeros((0, N_DOF)), actor=np.zeros(0, np.uint8),
-    )  # fmt: skip
-    settled = Pose(
-        take="walk", run=RUN, frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1, workers=0,
-        retries=0, backend="cpu", worker_backends={}, seconds={}, settled=True, pose=np.zeros(N_DOF),
-    )  # fmt: skip
+    holds = _recording(RUN, 1300)
     first = PoseRequest(run=RUN, first_frame=0, end_frame=2, settled=True)
     told(board, holds, recorder)
     for frame in range(1200):
-        board.publish(settled.model_copy(update={"frame": frame}))
+        board.publish(_pose(frame, settled=True))
     assert [(pose.frame, pose.settled) for pose in told(board, first, recorder)] == [(0, True), (1, True)]
     told(board, holds.model_copy(update={"settled_end": 150}), recorder)
-    board.publish(settled.model_copy(update={"frame": 1200}))
+    board.publish(_pose(1200, settled=True))
     last = first.model_copy(update={"first_frame": 150, "end_frame": 152})
     assert [pose.frame for pose in told(board, last, recorder)] == [150, 151]
     with pytest.raises(LostFramesError, match="lacks frame 0, which is no longer kept"):
@@ -148,3 +141,59 @@ def _heard(line: Line) -> list[Message]:
         if (message := line.receive()) is not None:
             heard.append(message)
     return heard
+
+
+def test_a_recorder_that_comes_too_late_ends_no_run(
+    board: Switchboard, recorder: Link, endpoint: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The expected one has everything; nobody waits for the other, who cannot have it any more."""
+    many = 1100
+    recorder.send(_recording(RUN, many))
+    _until(board, recorder, lambda: board.recorders.recorded_ends == {"recorder@test:1": many})
+    for frame in range(many):
+        board.publish(_pose(frame))
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    late = Link(context, endpoint, Hello(role="recorder", name="late@test:2", backend=""))
+    _until(board, late, lambda: len(board.recorders.recorded_ends) == 2)
+    late.send(_recording("", 0))
+    late.send(PoseRequest(run=RUN, first_frame=0, end_frame=64))
+    _until(board, late, lambda: "late@test:2 lacks frame 0" in caplog.text)
+    heard_s = board.recorders.heard_s
+    for _ in range(3):
+        late.send(PoseRequest(run=RUN, first_frame=0, end_frame=64))
+        _pump_both(board, late)
+    assert board.recorders.heard_s == heard_s, "asking in vain is no reason to wait"
+    assert board.recorders.n_lacking == 0
+    assert board.recorders.n_unrecorded == 0
+    held = board.recorders.held("walk", "0" * 64, n_expected=1)
+    assert held is not None
+    assert held.end_frame == many
+    context.destroy(linger=0)
+
+
+def _recording(run: str, end_frame: int) -> Recording:
+    poses = np.zeros((min(end_frame, 2), N_DOF))
+    return Recording(
+        take="walk", run=run, plan="0" * 64 if run else "", shards=1, end_frame=end_frame, retries=0,
+        worker_backends={}, memory={}, poses=poses, actor=np.zeros(0, np.uint8),
+    )  # fmt: skip
+
+
+def _pose(frame: int, *, settled: bool = False) -> Pose:
+    return Pose(
+        take="walk", run=RUN, frame=frame, time_s=0.0, energy_px=1.0, passes=1, evaluations=1, workers=0,
+        retries=0, backend="cpu", worker_backends={}, seconds={}, settled=settled, pose=np.zeros(N_DOF),
+    )  # fmt: skip
+
+
+def _until(board: Switchboard, link: Link, condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        _pump_both(board, link)
+
+
+def _pump_both(board: Switchboard, link: Link) -> None:
+    board.pump(0.01)
+    link.receive()
+    link.tick()

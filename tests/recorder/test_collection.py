@@ -367,3 +367,35 @@ def test_a_journal_of_another_version_is_dropped(tmp_path: Path, record: list[by
     journal.append(record)
     journal.close()
     assert Collection(store(tmp_path)).info is None
+
+
+def test_a_live_run_that_is_continued_mixes_no_moments(tmp_path: Path) -> None:
+    """Frame 3 was lost, and the coordinator died before it was sent again: from there on, frames are new."""
+    first = info(end=OPEN_END, coordinator="a" * 32)
+    again = info(end=OPEN_END, coordinator="b" * 32, continued_at=3)
+    kept = store(tmp_path)
+    some = Collection(kept)
+    old = [pose(frame) for frame in (0, 1, 2, 4, 5)]
+    for message in (first, blob(_ACTOR), blob(_RIG, "rig"), *old, *map(settled, (0, 1, 4))):
+        some.add(message)
+    new = [pose(frame, 9.0) for frame in (3, 4)]
+    for message in (again, *new, again):
+        some.add(message)
+    assert some.missing_frames() is None
+    energies = [1.0, 1.0, 1.0, 9.0, 9.0]
+    assert [one.energy_px for one in some.first_poses()] == energies
+    assert some.held_ends == (5, 2)
+    kept.close(remove=False)
+    reopened = Collection(store(tmp_path))
+    assert [one.energy_px for one in reopened.first_poses()] == energies
+    reopened.add(again)
+    assert [one.energy_px for one in reopened.first_poses()] == energies
+
+
+def test_a_recorded_run_that_is_continued_keeps_what_came_before() -> None:
+    """Its frames are the same whoever solves them."""
+    some = collection(info(), *map(pose, (0, 1, 3)))
+    some.add(info(coordinator="b" * 32, continued_at=2))
+    some.add(pose(2))
+    assert some.missing_frames() is None
+    assert len(some.first_poses()) == 4
