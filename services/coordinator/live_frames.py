@@ -190,7 +190,7 @@ class LiveFrames(Incoming):
 
     def recall(self, memory: dict[str, list[int]]) -> None:
         """See Incoming.recall."""
-        self._pace.recall(memory)
+        self._pace.recall(memory, self._now())
 
     def figures(self) -> dict[str, Any]:
         """See Incoming.figures."""

@@ -1,6 +1,7 @@
 """Shots of live cameras: when each is due, what has come of it, and what segmentation reports of the
 cameras."""
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +11,7 @@ from proto.messages import LiveSilhouettes, LiveSources
 from proto.streams import FROM_LIVE_CAMERAS
 from services.mocap.energy.bitplanes import TriPlanes, joined
 from services.mocap.types import Ints
+from services.process import clock_name
 
 _LEAD_S = 1.0
 """Time from the first announcement of the pace to shot 0, so that all segmentations know it by then."""
@@ -66,13 +68,25 @@ class Pace:
         """Its state, for `recall`: whole seconds and microseconds."""
         at_s = (self._shot_s, self._origin_s)
         moments = [divmod(round(one_s * _MEMORY_PARTS), _MEMORY_PARTS) for one_s in at_s]
-        return {"pace": [self._shot, *(number for moment in moments for number in moment)]}
+        numbers = [self._shot, *(number for moment in moments for number in moment)]
+        return {"pace": numbers, "clock": _clock_number()}
 
-    def recall(self, lists: dict[str, list[int]]) -> None:
-        """Continue from another Pace's state, on the same machine; raises ValueError if it is invalid."""
+    def recall(self, lists: dict[str, list[int]], now_s: float) -> None:
+        """Continue from another Pace's state, on the same machine; raises ValueError if it is invalid.
+
+        If the machine has been started again since, its clock began anew: then the next shot is due soon.
+        """
         self._shot, s, parts, origin_s, origin_parts = lists.get("pace", [])
         self._shot_s, self._origin_s = s + parts / _MEMORY_PARTS, origin_s + origin_parts / _MEMORY_PARTS
+        if lists.get("clock") != _clock_number():
+            step_s = now_s + _LEAD_S - self._shot_s
+            self._shot_s, self._origin_s = self._shot_s + step_s, self._origin_s + step_s
         self.has_begun = True
+
+
+def _clock_number() -> list[int]:
+    """What tells this machine's clock from that before it was started again."""
+    return [zlib.crc32(clock_name().encode()) >> 1]
 
 
 @dataclass

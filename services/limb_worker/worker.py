@@ -1,12 +1,14 @@
 """What a limb worker does between its links and its solver."""
 
 import logging
+import time
 from collections.abc import Sequence
 from functools import partial
 
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, LimbRefusal, LimbTask, Message
 from proto.sockets import wait
+from proto.streams import ASK_AGAIN_S
 from services.blob_store import UnusableBlobError
 from services.limb_worker.metrics import HELD, WAITING, note_answer
 from services.limb_worker.solver import LimbSolver
@@ -31,6 +33,7 @@ class Worker:
         """The coordinators, numbered from 0, each with its task that is not started; the one that has waited
         longest is first. A correct coordinator sends one task at a time; else only the newest is held."""
         self._solver = LimbSolver(engine, takes=len(links))
+        self._asked_s = 0.0
 
     def listen(self) -> None:
         """Wait briefly for messages, then handle them until a task is ready."""
@@ -56,6 +59,7 @@ class Worker:
                     self._ask_for(giver, task)
 
     def _ask_for(self, number: int, task: LimbTask) -> None:
+        self._asked_s = time.monotonic()
         for content in self._solver.blobs.missing(task):
             self._links[number].send(BlobRequest(hash=content))
 
@@ -79,8 +83,13 @@ class Worker:
         return not self._solver.blobs.missing(task)
 
     def tick(self) -> None:
-        """Stay registered everywhere; a coordinator at which this worker registers again sends its tasks
-        again."""
+        """Stay registered everywhere, and ask again for content that has not come.
+
+        A coordinator at which this worker registers again sends its tasks again.
+        """
         for number, link in enumerate(self._links):
             if link.tick():
                 self._tasks.pop(number, None)
+        if time.monotonic() - self._asked_s > ASK_AGAIN_S:  # what was sent may be lost, or damaged
+            for giver, task in self._tasks.items():
+                self._ask_for(giver, task)

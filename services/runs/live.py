@@ -3,7 +3,8 @@
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,18 +63,18 @@ def live(
     cut_off = partial_of(job.out)
     shutil.rmtree(cut_off, ignore_errors=True)  # live input cannot be continued
     nice = ("--nice", str(_NICENESS))
-    setup = RunSetup(
-        source=job.config,
-        endpoint=job.take.live.endpoint or free_endpoint(),
-        coordinator=nice,
-        limb_worker=nice,
-        recorder=("--no-overlay",),
-        segmentation=[_cameras(job, group) for group in job.take.groups_here],
-        lasting=("coordinator", "segmentation"),
-        alone_s=15.0,
-    )
     before_ns = written_ns(job.out)
-    with recording_to(job.record):
+    with recording_to(job.record), _stage_folder(job) as stage:
+        setup = RunSetup(
+            source=job.config,
+            endpoint=job.take.live.endpoint or free_endpoint(),
+            coordinator=nice,
+            limb_worker=nice,
+            recorder=("--no-overlay",),
+            segmentation=[_cameras(job, group, stage) for group in job.take.groups_here],
+            lasting=("coordinator", "segmentation"),
+            alone_s=15.0,
+        )
         logs, _, telemetry = run_services(job, setup, show, warn)
     if written_ns(cut_off) is not None:
         keep_logs(logs, cut_off)
@@ -135,10 +136,20 @@ def _finish_recording(job: LiveJob, warn: Callable[[str], None]) -> None:
         warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
 
 
-def _cameras(job: LiveJob, group: str) -> Arguments:
+@contextmanager
+def _stage_folder(job: LiveJob) -> Iterator[Path]:
+    """A folder for the pictures of the empty stage, which are left for a segmentation that is restarted."""
+    if job.record is not None:
+        yield part_of(job.record)
+        return
+    with tempfile.TemporaryDirectory(prefix="xormocap-stage-") as folder:
+        yield Path(folder)
+
+
+def _cameras(job: LiveJob, group: str, stage: Path) -> Arguments:
     """Which cameras one process segments, what is known of them, and where it keeps what they see."""
     names = ",".join(job.take.cameras[c].name for c in job.take.cameras_of([group]))
-    folders = {"--fitted": job.fit, "--record": job.record and part_of(job.record)}
+    folders = {"--fitted": job.fit, "--record": job.record and part_of(job.record), "--stage": stage}
     given = [word for option, folder in folders.items() if folder for word in (option, str(folder))]
     return ("--cameras", names, *given)
 
@@ -167,11 +178,12 @@ def serve_group(job: LiveJob, group: str) -> None:
         raise UserError(f"--group: {job.config} does not say where the coordinator is: add endpoint to it")
     with (
         recording_to(job.record),
+        _stage_folder(job) as stage,
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,
         StopRequest() as stop,
         Launcher(Path(logs), ["segmentation"]) as launcher,
     ):
-        start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group))
+        start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group, stage))
         while not stop.count:
             launcher.watch()
             if launcher.is_done("segmentation"):

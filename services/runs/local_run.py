@@ -187,6 +187,8 @@ def _follow(
                 alone_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
                 if alone_s > setup.alone_s or (stop.count and not progress.has_poses):
                     launcher.tell_to_stop("recorder")  # it writes what it has
+                if stop.count and alone_s > _LEAVE_S:  # it may not have listened yet when the end was told
+                    launcher.tell_to_stop("segmentation")
             elif "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
                 break
         launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())

@@ -80,15 +80,12 @@ def _setup(job: TakeJob, known: Path) -> RunSetup:
     actor = take_actor(job.take, fitted)
     entries: dict[str, Any] = {CHECKS: [cause.model_dump() for cause in job.checks]}
     fit_folder = fitted or job.take.folder / FIT_FOLDER
-    record, of_segmentation = record_of(fit_folder, actor), tuple[str, ...]()
-    if record is not None:
+    if (record := record_of(fit_folder, actor)) is not None:
         entries["fit"] = record.model_dump()
-        of_segmentation = "--fitted", str(fit_folder)
-    if job.kept is not None:
-        of_segmentation += "--kept", str(job.kept)
     known.write_text(json.dumps(entries), encoding="utf-8")
     asked = ("--frames", f"{frames.start}:{frames.stop}")
     with_fit = () if fitted is None else ("--fitted", str(fitted))
+    kept = () if job.kept is None else ("--kept", str(job.kept))
     overlay = "--overlay" if job.overlay else "--no-overlay"
     return RunSetup(
         source=job.take.folder,
@@ -97,7 +94,7 @@ def _setup(job: TakeJob, known: Path) -> RunSetup:
         # The report comes with the fit's pictures and the segmenter's name.
         recorder=(overlay, "--no-report", "--known", str(known), *with_fit),
         viewer=with_fit,
-        segmentation=[of_segmentation],
+        segmentation=[(*with_fit, *kept)],
         actor=actor,
         first_frame=frames.start,
         lasting=("coordinator",),

@@ -21,7 +21,8 @@ from services.logs import about
 from services.mocap.camera.camera import nfc
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
-from services.mocap.take.fit_record import read_learnt
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.fit_record import FIT_FOLDER, read_learnt, record_of
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
 from services.mocap.take.moved_cameras import take_of_fit
@@ -48,15 +49,16 @@ class Sender:
         fitted: Path | None = None,
         kept: Path | None = None,
     ) -> None:
-        """fitted: a folder written by xormocap fit; what its occluded pictures show is unsure, and it knows
-        the actor's colour classes. kept: see make_segmenter."""
+        """fitted: the folder of the actor's fit, by default the take's own; what its occluded pictures show
+        is unsure, and it knows the actor's colour classes. kept: see make_segmenter."""
         self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
         made = make_segmenter(take, chosen, segmenter, self._checks.append, kept)
-        if fitted is not None:
-            made = made.knowing(*read_learnt(fitted, chosen))
+        fit_folder = fitted or take.folder / FIT_FOLDER
+        if record_of(fit_folder, take_actor(take, fitted)) is not None:
+            made = made.knowing(*read_learnt(fit_folder, chosen))
         self._segmenter = made
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
@@ -171,6 +173,10 @@ def main(
         ),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
+    stage: Annotated[
+        Path | None,
+        typer.Option(help="Live: folder for the pictures of the empty stage; what is there already is used."),
+    ] = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
 
@@ -180,7 +186,7 @@ def main(
         about(take=source.settings.name)
         chosen = _choose(source, cameras)
         if isinstance(source, LiveTake):
-            serve_live(source, chosen, connect, stop, own_keys, segmenter, record, fitted)
+            serve_live(source, chosen, connect, stop, own_keys, segmenter, record, fitted, stage)
             return
         sender = Sender(source, chosen, segmenter, connect, own_keys, fitted, kept)
         try:

@@ -45,10 +45,21 @@ def test_another_one_goes_on_with_it() -> None:
     pace, other = Pace(_PERIOD_S), Pace(_PERIOD_S)
     pace.begin([], 123_456.789)
     pace.hear(77, [pace.due_s(77) + 0.01])
-    other.recall(pace.as_lists())
+    other.recall(pace.as_lists(), 123_460.0)
     assert other.has_begun
     assert other.due_s(500) == pytest.approx(pace.due_s(500), abs=1e-5)
     assert other.since_first_s(0.0) == pytest.approx(pace.since_first_s(0.0), abs=1e-5)
+
+
+def test_after_the_machine_was_started_again_the_next_shot_is_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its clock has begun anew; the take's time goes on."""
+    pace, other = Pace(_PERIOD_S), Pace(_PERIOD_S)
+    pace.begin([], 123_456.789)
+    pace.hear(77, [pace.due_s(77)])
+    monkeypatch.setattr("services.coordinator.live_shots.clock_name", lambda: "another boot")
+    other.recall(pace.as_lists() | {"clock": [1]}, 20.0)
+    assert 20.0 < other.due_s(77) < 22.0
+    assert other.since_first_s(other.due_s(78)) == pytest.approx(pace.since_first_s(pace.due_s(78)), abs=1e-5)
 
 
 def test_unsolved_shots_of_several_messages_each_take_no_more_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from proto.messages import BlobRequest, LimbRefusal, LimbTask, Message
+from proto.streams import ASK_AGAIN_S
 from services.limb_worker.worker import Worker
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.energy.engine import open_engine
@@ -21,6 +23,8 @@ class Shift:
     def __init__(self, coordinators: int) -> None:
         self.answers = list[tuple[int, int]]()
         """Coordinators and the frames of their tasks, in the order in which they were served."""
+        self.asked = list[int]()
+        """Coordinators that were asked for content."""
         self.unknown = set[str]()
         """Takes whose content the worker lacks."""
         self.anew = set[int]()
@@ -41,6 +45,7 @@ class Shift:
             self.answers.append((number, message.frame))
         else:
             assert isinstance(message, BlobRequest)
+            self.asked.append(number)
 
     def give(self, coordinator: int, take: str, frame: int) -> None:
         """A coordinator gives a task."""
@@ -111,3 +116,16 @@ def test_a_coordinator_that_forgot_its_tasks_gets_none_solved() -> None:
     shift.anew.add(0)
     shift.worker.tick()
     assert shift.served(9) == [(1, 0)]
+
+
+def test_content_that_does_not_come_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    shift, now_s = Shift(2), [100.0]
+    monkeypatch.setattr("services.limb_worker.worker.time.monotonic", lambda: now_s[0])
+    shift.unknown.add("new")
+    shift.give(1, "new", 0)
+    shift.worker.tick()
+    assert shift.asked == [1]
+    now_s[0] += 1.01 * ASK_AGAIN_S
+    shift.worker.tick()
+    shift.worker.tick()
+    assert shift.asked == [1, 1]

@@ -3,12 +3,11 @@
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from services.health import beat
 from services.mocap.errors import UserError
-from services.mocap.take.layout import BACKGROUND, background_video_path
+from services.mocap.take.layout import background_video_path
 from services.mocap.take.live import LiveTake
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
@@ -26,9 +25,13 @@ _FEWEST = 3
 log = logging.getLogger(__name__)
 
 
-def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: StopRequest) -> LiveTake:
-    """Store the cameras' present pictures as clean plates in a folder; returns the take with these,
-    or as it is if a stop is requested.
+def has_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path) -> bool:
+    """Whether a folder has clean plates of all these cameras: now the actor may be on the stage."""
+    return all(background_video_path(folder, take.calibrated[c].name).exists() for c in cameras)
+
+
+def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: StopRequest) -> None:
+    """Store the cameras' present pictures as clean plates in a folder, unless a stop is requested.
 
     For a file, its first seconds are used. Raises UserError if a camera delivers no pictures.
     """
@@ -43,7 +46,7 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
         for feed in feeds.values():
             feed.join()
     if stop:
-        return take
+        return
     for c, pictures in seen.items():
         camera = take.calibrated[c]
         if len(pictures) < _FEWEST:
@@ -56,7 +59,6 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
             for picture in pictures:
                 writer.write(picture)
     log.info("recorded the empty stage with %d cameras", len(seen))
-    return replace(take, background_folder=folder / BACKGROUND)
 
 
 def _of_file(take: LiveTake, camera: int) -> list[Bytes]:

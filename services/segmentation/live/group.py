@@ -43,7 +43,7 @@ class Feed:
     ) -> None:
         self._camera, self._begin, self._give = camera, begin, give
         self._stopped = threading.Event()
-        self._is_lost = False
+        self._lost_because, self._has_given = "", False
         self.has_ended = False
         """Whether no picture will ever follow."""
         self.problem: UserError | None = None
@@ -57,8 +57,8 @@ class Feed:
             try:
                 self._read_all()
             except SourceLostError as problem:
-                if not self._is_lost:
-                    self._is_lost = True
+                if str(problem) != self._lost_because:
+                    self._lost_because = str(problem)
                     log.warning("%s is lost; trying to reconnect: %s", name, problem)
                 self._stopped.wait(_REOPEN_EVERY_S)
             except UserError as problem:
@@ -79,13 +79,24 @@ class Feed:
                 if picture is None:
                     self.has_ended = True
                     return
-                check_size_of(self._camera.name, self._camera, *picture.image.shape[:2])
-                if self._is_lost:
-                    self._is_lost = False
+                self._check_size(picture.image)
+                if self._lost_because:
+                    self._lost_because = ""
                     log.info("%s is back", self._camera.name)
+                self._has_given = True
                 self._give(picture.image, picture.taken_s)
         finally:
             source.close()
+
+    def _check_size(self, image: Bytes) -> None:
+        """Raise UserError for another size than the calibration's at the start; a camera that returns with
+        another one is still lost."""
+        try:
+            check_size_of(self._camera.name, self._camera, *image.shape[:2])
+        except UserError as problem:
+            if self._has_given:
+                raise SourceLostError(str(problem)) from None
+            raise
 
     def stop(self) -> None:
         """Request its end; it stops after the next picture."""

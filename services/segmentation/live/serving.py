@@ -5,6 +5,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import zmq
@@ -19,11 +20,12 @@ from services.logs import about
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.fit_record import read_learnt
+from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.live import LiveTake
 from services.process import StopRequest, clock_name
 from services.segmentation.joint import JointMatte
 from services.segmentation.learning import LiveLearner
-from services.segmentation.live.empty_stage import see_empty_stage
+from services.segmentation.live.empty_stage import has_empty_stage, see_empty_stage
 from services.segmentation.live.group import Group
 from services.segmentation.live.shots import CoordinatorClock, Shot
 from services.segmentation.live.sources import check_file
@@ -166,23 +168,29 @@ def serve_live(
     segmenter: str,
     record: Path | None,
     fitted: Path | None,
+    stage: Path | None = None,
 ) -> None:
     """Send silhouettes of live cameras until the coordinator announces the end or a stop is requested.
 
     record: the folder in which to record the pictures as a take, with the clean plates from the start.
     fitted: a folder written by xormocap fit with these cameras; what its occluded pictures show is unsure,
-    and it knows the actor's colour classes. Raises UserError if a source does not match its configuration.
+    and it knows the actor's colour classes. stage: a folder for the pictures of the empty stage, if there are
+    none; those that an earlier process of this run left there are used. Raises UserError if a source does not
+    match its configuration.
     """
     for c in cameras:
         check_file(take.sources[c], take.calibrated[c])
     with ExitStack() as closing:
         if take.background_folder is None:
-            kept = record or Path(
-                closing.enter_context(tempfile.TemporaryDirectory(prefix="xormocap-stage-"))
-            )
-            take = see_empty_stage(take, cameras, kept, stop)
+            kept = stage or record
+            if kept is None:
+                made = tempfile.TemporaryDirectory(prefix="xormocap-stage-")
+                kept = Path(closing.enter_context(made))
+            if stage is None or not has_empty_stage(take, cameras, stage):
+                see_empty_stage(take, cameras, kept, stop)
             if stop:
                 return
+            take = replace(take, background_folder=kept / BACKGROUND)
         silhouetter = Silhouetter(take, cameras, segmenter, fitted)
         talk = Talk(take, cameras, endpoint, keys)
         closing.callback(talk.close)

@@ -163,22 +163,23 @@ class ContainerClock:
     """Converts a container's time stamps to this machine's clock.
 
     No picture arrives before it is taken, so the fastest one gives the difference of the two clocks, except
-    for the least delay, which delay_s may correct.
+    for the least delay, which delay_s may correct. A clock that steps back, as after a correction of the
+    camera's time, is another one.
     """
 
     def __init__(self) -> None:
         self._offset_s: float | None = None
-        self._heard_s = 0.0
+        self._heard_s = self._stamp_s = 0.0
 
     def taken_s(self, stamp_s: float, arrived_s: float) -> float:
         """When a picture with this stamp was taken, given its arrival time."""
         if abs(arrived_s - stamp_s) < _SAME_CLOCK_S and stamp_s > _SAME_CLOCK_S:
             return stamp_s
         offset_s = arrived_s - stamp_s
-        if self._offset_s is not None:
+        if self._offset_s is not None and stamp_s >= self._stamp_s:
             leaked_s = self._offset_s + _LEAK * (arrived_s - self._heard_s)
             offset_s = min(offset_s, leaked_s)
-        self._offset_s, self._heard_s = offset_s, arrived_s
+        self._offset_s, self._heard_s, self._stamp_s = offset_s, arrived_s, stamp_s
         return stamp_s + offset_s
 
 

@@ -3,7 +3,9 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,8 +20,11 @@ from services.mocap.take.live import open_live
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Mask
+from services.process import StopRequest
+from services.segmentation.live import serving
+from services.segmentation.live.empty_stage import see_empty_stage
 from services.segmentation.live.group import Feed, Group
-from services.segmentation.live.serving import Silhouetter
+from services.segmentation.live.serving import Silhouetter, serve_live
 from services.segmentation.live.shots import CoordinatorClock, Shot, Taken
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import packed
@@ -155,3 +160,23 @@ def test_a_source_that_fails_in_an_unknown_way_ends_its_feed_and_says_so(folder:
     feed.join()
     assert feed.has_ended
     assert str(feed.problem) == "cam01: cannot be read (RuntimeError: no driver)"
+
+
+class _EnoughError(Exception):
+    """What is tested has happened."""
+
+
+def test_a_segmentation_that_is_started_again_does_not_look_at_the_stage_again(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By then the actor may be there."""
+    live = replace(open_live(folder / "live.toml"), background_folder=None)
+    made, looked = Mock(side_effect=_EnoughError), Mock(wraps=see_empty_stage)
+    monkeypatch.setattr(serving, "Silhouetter", made)
+    monkeypatch.setattr(serving, "see_empty_stage", looked)
+    for _ in range(2):
+        with StopRequest() as stop, pytest.raises(_EnoughError):
+            serve_live(live, [0, 1, 2], "tcp://127.0.0.1:1", stop, None, "auto", None, None, tmp_path)
+    assert looked.call_count == 1
+    for call in made.call_args_list:
+        assert call.args[0].background_folder == tmp_path / "background"

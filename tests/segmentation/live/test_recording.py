@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
@@ -77,3 +78,13 @@ def test_a_recording_that_can_only_fail_at_its_end_holds_nobody_up(
     recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
     recording.finish(3)
     assert "cannot record there" in str(recording.problem)
+
+
+def test_a_recording_that_begins_late_says_so(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]], caplog: pytest.LogCaptureFixture
+) -> None:
+    """As where segmentation was started again: what it had recorded is lost."""
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    recording.add(40, np.zeros((48, 64, 3), np.uint8), 4.0)
+    recording.finish(41)
+    assert "cam01: its recording lacks the first 4 s" in caplog.text

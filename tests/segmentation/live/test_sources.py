@@ -5,6 +5,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -20,6 +23,7 @@ from services.segmentation.live.group import Feed
 from services.segmentation.live.sources import (
     ContainerClock,
     FileSource,
+    Picture,
     SourceLostError,
     StreamSource,
     check_file,
@@ -120,6 +124,24 @@ def test_a_file_that_is_taken_away_is_an_unplugged_camera(video: Path, camera: C
     assert gaps.max() >= 8
 
 
+def test_a_camera_that_returns_with_another_size_stays_lost(
+    camera: Camera, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It may come back as it was; the others go on."""
+    small, large = (Picture(np.zeros((height, 64, 3), np.uint8), 0.0) for height in (48, 96))
+    connections, came = [[small, SourceLostError("unplugged")], [large], [small, None]], list[int]()
+
+    def begin(_: threading.Event) -> Any:
+        return SimpleNamespace(read=Mock(side_effect=connections.pop(0)), close=lambda: None)
+
+    feed = Feed(camera, begin, lambda image, _: came.append(len(image)))
+    until(lambda: feed.has_ended)
+    feed.join()
+    assert feed.problem is None
+    assert came == [48, 48]
+    assert "cam01 is lost; trying to reconnect: cam01: has pictures of 64x96 pixels" in caplog.text
+
+
 def test_a_picture_of_another_size_is_said(video: Path, camera: Camera, tmp_path: Path) -> None:
     path = tmp_path / "wide.mp4"
     with video_writer(path, 128, 48, _FPS) as writer:
@@ -135,6 +157,16 @@ def test_stamps_of_a_container_take_out_what_the_network_delays() -> None:
     delays_s = 0.02 + rng.exponential(0.03, 400)
     found_s = [clock.taken_s(t - 4990, t + d) for t, d in zip(taken_s, delays_s, strict=True)]
     assert np.abs(np.array(found_s)[50:] - taken_s[50:] - 0.02).max() < 0.012
+
+
+def test_a_clock_that_steps_back_is_another_one() -> None:
+    """As after a correction of the camera's time by a second: the lag is not kept for minutes."""
+    clock = ContainerClock()
+    before_s, after_s = 5000 + np.arange(50) / 25, 5002 + np.arange(50) / 25
+    for taken_s in before_s:
+        clock.taken_s(taken_s - 4900, taken_s + 0.02)
+    found_s = [clock.taken_s(taken_s - 4901, taken_s + 0.02) for taken_s in after_s]
+    assert np.abs(np.array(found_s) - after_s - 0.02).max() < 1e-6
 
 
 def test_stamps_of_this_machines_clock_are_believed() -> None:
