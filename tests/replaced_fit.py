@@ -67,9 +67,9 @@ def fit_by(
     blind: Mapping[str, Mask] | None = None,
     **others: bool,
 ) -> TakeFit:
-    """As fit_take, with this in place of the fit; blind: see Segmenter.blind."""
+    """As fit_take, with this in place of the fit; blind: see SilhouetteSource.blind."""
     silhouettes = TakeSilhouettes(take)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("services.runs.fit_frames.fit_actor", fitter)
-        patch.setattr(silhouettes.segmenter, "blind", lambda: blind or {})
+        patch.setattr(silhouettes.segmenter.source, "blind", lambda: blind or {})
         return fit_take(silhouettes, frames, CPU, search, show, **others)

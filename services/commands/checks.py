@@ -49,11 +49,13 @@ def check_files(silhouettes: TakeSilhouettes) -> None:
         raise _refused(take, turned)
     has_plates = kind_of(chosen_segmenter(take, silhouettes.name)).needs_plate
     if has_plates and (foreign := foreign_plates(take)):
-        shown = ", ".join(
-            f"that of {name} shows what the video of {other} does" for name, other in foreign.items()
-        )
-        remedy = "exchange these videos, or the files of the plates"
-        raise _refused(take, Mistake(f"{BACKGROUND}/", f"clean plates: {shown}", remedy))
+        exchanged = {name: other for name, other in foreign.items() if name != other}
+        shown = [f"that of {name} shows what the video of {other} does" for name, other in exchanged.items()]
+        shown += [f"that of {name} shows its video upside down" for name in foreign if name not in exchanged]
+        remedies = ["exchange these videos, or the files of the plates"] if exchanged else []
+        remedies += [] if foreign == exchanged else ["turn the video or the plate (ffmpeg -vf hflip,vflip)"]
+        what = f"clean plates: {', '.join(shown)}"
+        raise _refused(take, Mistake(f"{BACKGROUND}/", what, "; ".join(remedies)))
 
 
 @dataclass(frozen=True, eq=False)

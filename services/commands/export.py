@@ -37,7 +37,8 @@ def export(
     """Write a result in other formats; needs only its poses.csv and actor.toml."""
     folder = out or result
     if folder.exists() and not folder.is_dir():
-        raise UserError(f"{folder}: is a file: expected a folder to write to")
+        expected = "a folder of results" if out is None else "a folder to write to"
+        raise UserError(f"{folder}: is a file: expected {expected}")
     asked = [name.strip() for names in to for name in names.split(",")] if to else DEFAULT_FORMATS
     formats = tuple(map(_format, dict.fromkeys(asked)))
     options = Options(naming=naming, unit=unit, rest=rest, take=take)

@@ -63,7 +63,7 @@ def new(
         raise UserError(
             f"{folder}: no video could be told to be that of {', '.join(missing)}: {calibration or folder} "
             f"has the cameras {known}, the videos are {names}: name them like the cameras, if it is their "
-            "calibration"
+            "calibration, and leave cameras out of it that did not record"
         )
     empty = _files(background, _OF_PLATES) if background else []
     plates = _plates(folder, empty, list(found))

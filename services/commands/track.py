@@ -1,7 +1,7 @@
 """`xormocap track`: tracks a recorded take."""
 
 import tempfile
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +22,8 @@ from services.commands.short_help import HelpAllOption
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
-from services.mocap.result.layout import CORRECTED_FRAMES
+from services.mocap.result.layout import CORRECTED_FRAMES, RUN_JSON
+from services.mocap.result.result import load_result
 from services.mocap.result.words import ENERGY_IN_WORDS, accuracy_in_words, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
@@ -114,6 +115,7 @@ def track(
         endpoint=endpoint,
     )
     check_cost(engine, job.search.cost)
+    _warn_of_older(folder, len(job.frames))
     with tempfile.TemporaryDirectory(prefix="xormocap-silhouettes-") as kept, ExitStack() as stack:
         silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
         if check:
@@ -135,6 +137,14 @@ def track(
             report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)
     conclude(job.out, take, port if watch else None, strict=strict)
+
+
+def _warn_of_older(folder: Path, n_frames: int) -> None:
+    """Warn where this run replaces results of more frames."""
+    with suppress(UserError):  # there are none, or nothing of worth
+        n_older = len(load_result(folder).frames) if (folder / RUN_JSON).exists() else 0
+        if n_older > n_frames:
+            warn([f"{folder}: results of {n_older} frames are there, which those of {n_frames} will replace"])
 
 
 def _checked(job: TakeJob, silhouettes: TakeSilhouettes) -> TakeJob:

@@ -75,7 +75,8 @@ def load_toml(path: Path, error: type[UserError]) -> dict[str, Any]:
         raise error(f"{path}: expected text in UTF-8: save it again in that encoding") from None
     except tomllib.TOMLDecodeError as problem:
         reason = str(problem).strip()
-        raise error(f"{path}: not valid TOML: {reason[:1].lower()}{reason[1:]}") from None
+        said = f"{path}: not valid TOML: {reason[:1].lower()}{reason[1:]}"
+        raise error(f'{said}: words stand in quotes, as in up = "z", and numbers have a point') from None
     except OSError as problem:
         raise error(f"{path}: cannot be read ({problem.strerror}): expected a TOML file") from None
 

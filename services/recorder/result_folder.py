@@ -10,7 +10,7 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.result.layout import KNOWN, RUN_JSON, journal_of, partial_of
+from services.mocap.result.layout import KNOWN, POSES, RUN_JSON, journal_of, partial_of
 from services.mocap.take.journal import JOURNAL, check_unused
 
 _OLD = ".old"
@@ -29,7 +29,10 @@ def _check_content(folder: Path) -> None:
         raise UserError(f"{existing}: is a file: expected a folder for the results")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise UserError(f"{existing}: cannot be written to: choose another folder for --out")
-    others = sorted({path.name for path in folder.iterdir()} - KNOWN) if folder.is_dir() else []
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    # A user's own calibration.toml or actor.toml has the name of a result's file.
+    are_results = bool(there & {RUN_JSON, POSES, JOURNAL})
+    others = sorted(there - KNOWN if are_results else there)
     if others:
         raise UserError(
             f"{folder}: contains other files than results ({others[0]}): choose another folder for --out"

@@ -184,11 +184,7 @@ def _follow(
                 launcher.tell_to_stop("coordinator")
             if "coordinator" in ended_s:
                 alone_s = time.monotonic() - ended_s["coordinator"]
-                alone_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
-                if alone_s > setup.alone_s or (stop.count and not progress.has_poses):
-                    launcher.tell_to_stop("recorder")  # it writes what it has
-                if stop.count and alone_s > _LEAVE_S:  # it may not have listened yet when the end was told
-                    launcher.tell_to_stop("segmentation")
+                _end_without_coordinator(launcher, setup, stop, progress, alone_s)
             elif "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
                 break
         launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
@@ -196,6 +192,17 @@ def _follow(
     while not stop.count and time.monotonic() < deadline_s and not launcher.has_ended("segmentation"):
         time.sleep(_CHECKED_EVERY_S)
     return watch.telemetry
+
+
+def _end_without_coordinator(
+    launcher: Launcher, setup: RunSetup, stop: StopRequest, progress: Progress, alone_s: float
+) -> None:
+    """End what may still wait for the coordinator, which ended so long ago."""
+    recorder_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
+    if recorder_s > setup.alone_s or (stop.count and not progress.has_poses):
+        launcher.tell_to_stop("recorder")  # it writes what it has
+    if stop.count and alone_s > _LEAVE_S:  # it may not have listened yet when the end was told
+        launcher.tell_to_stop("segmentation")
 
 
 def written_ns(folder: Path) -> int | None:

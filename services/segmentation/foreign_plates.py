@@ -1,4 +1,4 @@
-"""Finds clean plates that show what another camera's video shows: files that were given to wrong cameras."""
+"""Finds clean plates that show what another camera's video shows, or what their own one shows upside down."""
 
 from collections.abc import Iterable
 
@@ -22,7 +22,8 @@ _ALIKE = 0.4
 
 
 def foreign_plates(take: Take) -> dict[str, str]:
-    """Cameras whose clean plate shows the view of another camera's video -> that camera."""
+    """Cameras whose clean plate shows the view of another camera's video -> that camera; or the same
+    camera, if it shows what its own video does upside down."""
     cameras = [camera for camera in take.cameras if take.has_background(camera) and take.has_video(camera)]
     plates = [_small(take.background(camera)) for camera in cameras]
     first_frames = []
@@ -30,14 +31,17 @@ def foreign_plates(take: Take) -> dict[str, str]:
         with take.video(camera, 0, 1) as video:
             first_frames.append(_small(video))
     found, own = dict[str, str](), dict[str, float]()
-    for camera, plate in zip(cameras, plates, strict=True):
+    for camera, plate, its_own in zip(cameras, plates, first_frames, strict=True):
         off = {
             other.name: _difference(plate, seen) for other, seen in zip(cameras, first_frames, strict=True)
         }
         nearest = min(off, key=off.__getitem__)
         own[camera.name] = off[camera.name]
         is_known = np.isfinite(own[camera.name])
-        if is_known and own[camera.name] > _EXCHANGED and off[nearest] < _ALIKE * own[camera.name]:
+        turned = _difference(plate[::-1, ::-1], its_own)
+        if is_known and own[camera.name] > _UNLIKE and turned < min(_ALIKE * own[camera.name], off[nearest]):
+            found[camera.name] = camera.name
+        elif is_known and own[camera.name] > _EXCHANGED and off[nearest] < _ALIKE * own[camera.name]:
             found[camera.name] = nearest
     are_exchanged = found.keys() == set(found.values())
     return {name: other for name, other in found.items() if are_exchanged or own[name] > _UNLIKE}

@@ -33,6 +33,13 @@ def test_millimetres_are_converted_once(biocv: Path, tmp_path: Path, units: tupl
     np.testing.assert_allclose(camera.t_camera_world_m, [0.1, 0.2, 3.0], atol=1e-9)
 
 
+def test_the_file_that_is_read_is_not_overwritten(biocv: Path) -> None:
+    before = biocv.read_text()
+    with pytest.raises(UserError, match=r"--out .*cam01\.calib: is the file that is read"):
+        convert(biocv, "--out", biocv)
+    assert biocv.read_text() == before
+
+
 @pytest.mark.parametrize("units", ["m", "cm"])
 def test_a_unit_that_contradicts_the_format_is_refused(biocv: Path, tmp_path: Path, units: str) -> None:
     with pytest.raises(UserError, match=f"cam01.calib: --units {units}: its format defines mm"):

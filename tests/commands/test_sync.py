@@ -230,6 +230,8 @@ def test_flipped_pictures_of_a_camera_are_named(
     with pytest.raises(TakeError) as refused:
         check_take(take)
     assert f"calibration.toml: [cam03]: its pictures are {said} against its calibration" in str(refused.value)
+    filters = {"upside down": "hflip,vflip", "mirrored": "hflip"}[said]
+    assert f"(ffmpeg -vf {filters})" in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -188,6 +188,15 @@ def test_older_results_are_replaced_and_other_folders_are_not(
     assert refused.returncode == 2
     assert "choose another folder for --out" in refused.stderr
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["letter.txt"]
+    (tmp_path / "session").mkdir()
+    shutil.copy(exact_take / "calibration.toml", tmp_path / "session")  # a result has such a file, too
+    refused = xormocap(*arguments, tmp_path / "session")
+    assert refused.returncode == 2
+    assert "contains other files than results (calibration.toml)" in refused.stderr
+    longer = [*arguments[:3], "0:2", *arguments[4:]]
+    assert xormocap(*longer, tmp_path / "out").returncode == 0
+    said = xormocap(*arguments, tmp_path / "out").stderr
+    assert "results of 2 frames are there, which those of 1 will replace" in " ".join(said.split())
 
 
 def test_the_first_frames_of_a_real_recording(shared_takes: Path, xormocap, tmp_path: Path) -> None:

@@ -90,3 +90,13 @@ def test_an_actor_before_half_of_the_floor_makes_no_other_camera(tmp_path: Path)
     videos = [plate.copy() for plate in plates]
     videos[0][40:220, 130:190] = 50
     assert _found(tmp_path, plates, videos) == {}
+
+
+@pytest.mark.parametrize("texture", [0.05, 0.3])
+def test_a_plate_that_shows_its_video_upside_down_is_named(tmp_path: Path, texture: float) -> None:
+    """And not said to be another camera's, whose view may be more alike than that."""
+    plates = [_scene(camera, texture) for camera in range(4)]
+    floor = np.linspace(0.6, 1.2, 240)[:, None, None]
+    plates = [np.asarray(np.clip(plate * floor, 0, 200), np.uint8) for plate in plates]
+    videos = [plate[::-1, ::-1] if camera == 2 else plate for camera, plate in enumerate(plates)]
+    assert _found(tmp_path, plates, videos) == {CAMERAS[2].name: CAMERAS[2].name}

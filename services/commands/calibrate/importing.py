@@ -36,6 +36,8 @@ def import_calibration(
     """
     if out is None:
         raise UserError("calibrate --import: expected --out, the file or folder to write")
+    if out.exists() and source.exists() and out.samefile(source):
+        raise UserError(f"--out {out}: is the file that is read: choose another one")
     if not (math.isfinite(scale) and scale > 0):
         raise UserError(f"--scale {scale:g}: expected a number above 0")
     match = None if size is None else _SIZE.fullmatch(size)

@@ -53,7 +53,8 @@ _CONVENTIONS: dict[str, Callable[[Camera, Up], Camera]] = {
     ),
 }
 """How extrinsics may be meant instead."""
-_FLIPS = {"upside down": (-1.0, -1.0), "mirrored": (-1.0, 1.0)}
+_FLIPS = {"upside down": (-1.0, -1.0, "hflip,vflip"), "mirrored": (-1.0, 1.0, "hflip")}
+"""How pictures may be flipped: the factors of x and y, and the filter of ffmpeg that undoes it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +151,14 @@ def _turned(c: int, cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator
         meant = _with_axes(camera, turn)
         seen = [*outlines[:c], _in_camera(outlines[c], camera, meant), *outlines[c + 1 :]]
         yield _Trial(faces_away, frozenset((c,)), (*cameras[:c], meant, *cameras[c + 1 :]), seen)
-    for what, flip in _FLIPS.items():
+    for what, (of_x, of_y, filters) in _FLIPS.items():
         is_flipped = Mistake(
             f"calibration.toml: [{camera.name}]",
             f"its pictures are {what} against its calibration",
-            "turn the video, or calibrate with pictures as they are in it",
+            f"flip the pictures (ffmpeg -vf {filters}), or calibrate with pictures as they are",
             is_certain=True,
         )
-        seen = [*outlines[:c], _in_camera(outlines[c], camera, camera, flip), *outlines[c + 1 :]]
+        seen = [*outlines[:c], _in_camera(outlines[c], camera, camera, (of_x, of_y)), *outlines[c + 1 :]]
         yield _Trial(is_flipped, frozenset((c,)), cameras, seen)
 
 

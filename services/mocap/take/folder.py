@@ -268,9 +268,11 @@ def _check_silhouettes(take: Take, camera: Camera, stated: int | None) -> None:
     """Raise TakeError if a silhouette is missing or damaged; stated: the frames that take.toml states."""
     folder = layout.silhouette_folder(take.folder, camera.name)
     if not folder.is_dir():
+        there = ", ".join(sorted(path.name for path in folder.parent.iterdir() if path.is_dir())) or "none"
         raise TakeError(
-            f"{folder}: is missing: expected the silhouettes of {camera.name}, or no folder "
-            f"{layout.SILHOUETTES} at all"
+            f"{folder}: is missing: expected the silhouettes of {camera.name}, a camera of "
+            f"{layout.CALIBRATION}; the folders there are: {there}: name them like the cameras, or leave "
+            f"[{camera.name}] out of {layout.CALIBRATION}"
         )
     ahead = take.settings.offset(camera.name)
     frames = range(ahead, ahead + take.settings.frames)
@@ -305,9 +307,10 @@ def _check_is_recorded(
     video = layout.video_path(folder, camera.name)
     if camera.name not in videos:
         free = [path.name for path in files_of(video.parent) if path not in videos.values()]
+        absent = "" if free else f"; if it did not record, leave it out of {layout.CALIBRATION}"
         raise TakeError(
             f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, or "
-            f"silhouettes in {layout.SILHOUETTES}/{camera.name}{_or_stated(camera.name, free)}"
+            f"silhouettes in {layout.SILHOUETTES}/{camera.name}{_or_stated(camera.name, free)}{absent}"
         )
     plate = plates.get(camera.name)
     if plate is not None:

@@ -21,10 +21,16 @@ _WORDS = (r"[^\W\d_]+|\d+", r"[^\W\d_]+\d+")
 
 
 def files_of(folder: Path, suffixes: tuple[str, ...] = VIDEO_SUFFIXES) -> list[Path]:
-    """The visible files in a folder with one of some suffixes, in order; none if there is no folder."""
+    """The visible files in a folder with one of some suffixes, in order; none if there is no folder.
+
+    Raises TakeError for a folder that cannot be read.
+    """
     if not folder.is_dir():
         return []
-    visible = (path for path in sorted(folder.iterdir()) if not path.name.startswith("."))
+    try:
+        visible = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    except OSError as problem:
+        raise TakeError(f"{folder}: cannot be read ({problem.strerror}): change its permissions") from None
     return [path for path in visible if path.suffix.lower() in suffixes and path.is_file()]
 
 

@@ -11,6 +11,7 @@ from services.mocap.atomic import write_file
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.calibration import ByCamera, Up
 from services.mocap.errors import StrictModel, TakeError, load_toml, nearest, validated
+from services.mocap.take import layout
 from services.mocap.types import UNSURE, Floats
 
 LongestSide: TypeAlias = Annotated[
@@ -156,6 +157,11 @@ class TakeSettings(TakeFile):
 def read_take_file(path: Path) -> TakeFile:
     """Raises TakeError, which names the file and the field."""
     if path.parent.is_dir() and not path.exists():
+        if (path.parent / layout.SILHOUETTES).is_dir():
+            raise TakeError(
+                f'{path}: is missing: expected a text file with the lines name = "…", fps = …, units = "m" '
+                'and up = "z", beside the silhouettes'
+            )
         raise TakeError(f"{path}: is missing: expected a take folder: xormocap new makes one from videos")
     data = load_toml(path, TakeError)
     for table, types in _TABLES.items():

@@ -212,6 +212,8 @@ def opened_video(path: Path, options: dict[str, str] | None = None) -> InputCont
         return av.open(str(path), "r", options=options, metadata_errors="replace")
     except FileNotFoundError:
         raise TakeError(f"{path}: is missing: expected a video") from None
+    except PermissionError as problem:
+        raise TakeError(f"{path}: cannot be read ({problem.strerror}): change its permissions") from None
     except (av.error.FFmpegError, OSError):
         raise TakeError(
             f"{path}: cannot be read as a video (empty, cut off before its index, no video): {COPY_AGAIN}"

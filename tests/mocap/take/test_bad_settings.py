@@ -119,7 +119,9 @@ def test_bad_settings(small_take: SmallTake, refusal: Refusal, old: str, new: st
 def test_settings_that_are_no_toml(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take(n_cameras=1)
     change_settings(folder, "fps = 10.0", "fps = ")
-    assert refusal(folder).startswith("take.toml: not valid TOML: invalid value (at line 2")
+    said = refusal(folder)
+    assert said.startswith("take.toml: not valid TOML: invalid value (at line 2")
+    assert said.endswith('words stand in quotes, as in up = "z", and numbers have a point')
 
 
 def test_a_mirrored_camera_is_refused(small_take: SmallTake, refusal: Refusal) -> None:

@@ -207,3 +207,16 @@ def test_greys_that_cannot_mean_unsure(small_take: SmallTake, refusal: Refusal, 
         "take.toml: unsure: expected two greys from 1 to 254, the lower one first, such as [64, 191], or [] "
         f"if none means unsure, found {unsure}"
     )
+
+
+def test_folders_of_other_names_and_a_missing_take_file_are_told(
+    small_take: SmallTake, refusal: Refusal
+) -> None:
+    folder = small_take()
+    shutil.rmtree(folder / "videos")
+    for name in ("one", "two"):
+        (folder / "silhouettes" / name).mkdir(parents=True)
+    said = refusal(folder)
+    assert "the folders there are: one, two: name them like the cameras, or leave [cam01] out" in said
+    (folder / "take.toml").unlink()
+    assert "expected a text file with the lines name" in refusal(folder)

@@ -1,15 +1,19 @@
+import errno
 import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
+from unittest.mock import Mock
 
 import av
 import numpy as np
 import pytest
 
+from services.mocap.errors import TakeError
 from services.mocap.take.folder import open_take
+from services.mocap.take.recordings import files_of
 from services.mocap.take.video_checks import unsteady_remarks
 from services.mocap.take.video_index import index_video
 from services.mocap.take.writer import video_writer
@@ -18,12 +22,25 @@ SmallTake: TypeAlias = Callable[..., Path]
 Refusal: TypeAlias = Callable[[Path], str]
 
 
+def test_what_may_not_be_read_is_said(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not every user is root."""
+    folder = small_take()
+    denied = PermissionError(errno.EACCES, "Permission denied")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "iterdir", Mock(side_effect=denied))
+        with pytest.raises(TakeError, match=r"videos: cannot be read \(Permission denied\): change its"):
+            files_of(folder / "videos")
+    monkeypatch.setattr(av, "open", Mock(side_effect=denied))
+    with pytest.raises(TakeError, match=r"cam01\.mp4: cannot be read \(Permission denied\): change its"):
+        index_video(folder / "videos" / "cam01.mp4")
+
+
 def test_a_missing_video_names_the_camera(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take()
     (folder / "videos/cam02.mp4").unlink()
     assert refusal(folder) == (
         "videos/cam02.mp4: is missing: expected the video of [cam02] in calibration.toml, "
-        "or silhouettes in silhouettes/cam02"
+        "or silhouettes in silhouettes/cam02; if it did not record, leave it out of calibration.toml"
     )
 
 
