@@ -37,7 +37,7 @@ from services.recorder.results import write_results
 from services.recorder.store import Store
 
 _ANNOUNCEMENT_S = 20.0
-"""How long a recorder whose journal holds the whole take waits for a coordinator before it continues
+"""How long a recorder whose journal holds the whole take hears nothing of a coordinator before it continues
 alone."""
 _GRACE_S = 1.5
 """How long to wait for the end of the take after a stop."""
@@ -115,9 +115,10 @@ def _listen(listener: RecordingListener, stop: StopRequest) -> None:
     The journal may be complete without a message of a coordinator: it may have exited, or may not have
     announced its new run yet.
     """
-    collection, began_s, stopped_s = listener.collection, time.monotonic(), None
+    collection, stopped_s = listener.collection, None
     while not (
-        collection.complete and (collection.is_announced or time.monotonic() - began_s > _ANNOUNCEMENT_S)
+        collection.complete
+        and (collection.is_announced or time.monotonic() - listener.heard_s > _ANNOUNCEMENT_S)
     ):
         beat()
         if stop:

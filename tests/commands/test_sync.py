@@ -234,6 +234,14 @@ def test_flipped_pictures_of_a_camera_are_named(
     assert f"(ffmpeg -vf {filters})" in str(refused.value)
 
 
+def test_pictures_of_all_cameras_that_are_upside_down_are_told(take: Path) -> None:
+    """As of cameras that hang from the ceiling."""
+    for camera in range(len(open_take(take).cameras)):
+        _turned(take, camera, lambda picture: picture[::-1, ::-1])
+    with pytest.raises(TakeError, match="the pictures of all cameras are upside down against it: flip them"):
+        check_take(take)
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [(_moved, "cam03: not in agreement with the other 4 cameras"), (_exchanged, "cam03")],
@@ -248,3 +256,10 @@ def test_the_camera_that_does_not_agree_is_named(
     assert said in str(refused.value)
     others = [f"cam{n:02d}" for n in (1, 2, 4, 5)]
     assert not any(f"{name}:" in str(refused.value).split("not in agreement")[0] for name in others)
+
+
+def test_a_camera_that_shows_nobody_is_told(take: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _turned(take, 1, np.zeros_like)
+    check_take(take)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "silhouettes: cam02: nobody is whole in them, so nothing was compared: look at them" in said

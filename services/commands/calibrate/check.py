@@ -47,6 +47,10 @@ def check_take(folder: Path) -> None:
     filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
     stdout.print(_table(names, found, filled))
     warn(remarks_on(cameras))
+    unseen = [name for name, off_px in zip(names, found.off_px, strict=True) if not np.isfinite(off_px)]
+    if unseen and is_known:
+        them = ", ".join(unseen)
+        warn([f"silhouettes: {them}: nobody is whole in them, so nothing was compared: look at them"])
     if certain is not None:
         raise TakeError(f"{folder}/{certain}")
     if not found.odd:

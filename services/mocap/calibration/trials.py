@@ -53,7 +53,8 @@ _CONVENTIONS: dict[str, Callable[[Camera, Up], Camera]] = {
     ),
 }
 """How extrinsics may be meant instead."""
-_FLIPS = {"upside down": (-1.0, -1.0, "hflip,vflip"), "mirrored": (-1.0, 1.0, "hflip")}
+_UPSIDE_DOWN = "upside down"
+_FLIPS = {_UPSIDE_DOWN: (-1.0, -1.0, "hflip,vflip"), "mirrored": (-1.0, 1.0, "hflip")}
 """How pictures may be flipped: the factors of x and y, and the filter of ffmpeg that undoes it."""
 
 
@@ -115,6 +116,7 @@ def _trials(
             is_certain=True,
         )
         yield _Trial(mistake, frozenset(), meant, seen)
+    yield _all_upside_down(cameras, outlines)
     unknown = tuple(c for c in everybody if not np.isfinite(found.off_px[c]))
     tried = (found.odd + unknown)[:_MOST_TRIED] if len(cameras) > _MOST_TRIED else everybody
     for a, b in combinations(sorted(tried), 2):
@@ -122,6 +124,20 @@ def _trials(
             yield _swapped(a, b, cameras, outlines)
     for c in tried:
         yield from _turned(c, cameras, outlines)
+
+
+def _all_upside_down(cameras: tuple[Camera, ...], outlines: Outlines) -> _Trial:
+    """Pictures of cameras that hung upside down, turned in the recording or in the calibration only."""
+    of_x, of_y, filters = _FLIPS[_UPSIDE_DOWN]
+    mistake = Mistake(
+        "calibration.toml",
+        f"the pictures of all cameras are {_UPSIDE_DOWN} against it",
+        f"flip them (ffmpeg -vf {filters}), or calibrate with pictures as they are",
+        is_certain=True,
+    )
+    pairs = zip(outlines, cameras, strict=True)
+    seen = [_in_camera(of_camera, camera, camera, (of_x, of_y)) for of_camera, camera in pairs]
+    return _Trial(mistake, frozenset(), cameras, seen)
 
 
 def _swapped(a: int, b: int, cameras: tuple[Camera, ...], outlines: Outlines) -> _Trial:
