@@ -48,12 +48,15 @@ _INSIDE_MISSES, _NEAR_MISSES, _DEEP_MISSES = 6, 12, 24
 
 INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
 """Classes of a pixel: well inside the hull of all other cameras; deep inside the hull of all but one; at the
-rim of the hull; missed by one or more; too few other cameras see along its ray."""
+rim of the hull; missed by one or more; too few other cameras see along its ray. The first four go from inside
+to outside: `<=` compares them so."""
 CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
 """Default log odds of the actor, by class, before learning. 0: undecided, and never learnt."""
 N_CLASSES = len(CLASS_PRIOR)
 _NEVER = 255
 _WIDE, _NARROW = range(2)
+"""Misses of changes that are taken to be a pixel wider than they were seen, which tell that something is near;
+and of narrower ones, which tell that it is there."""
 
 
 @dataclass(frozen=True, eq=False)

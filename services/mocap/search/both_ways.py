@@ -21,11 +21,12 @@ from services.mocap.search.frame import align_alone
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import without_others
-from services.mocap.search.part_confidence import PartConfidence, SteadyConfidence, doubt_rivals
+from services.mocap.search.part_confidence import SteadyConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.search.tracker import ELSEWHERE_M, FLOOR_PLACE, Tracker, is_far, unless_far, whole_person
 from services.mocap.search.two_people import Places
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
@@ -75,7 +76,7 @@ def solve_both_ways(
     # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
     # as they do.
     solutions = model.copies.each(aligned, zip(map(seen.__getitem__, range(len(best))), best, strict=True))
-    trust, steady = PartConfidence(model.rig, settings.doubt_px), SteadyConfidence(fps)
+    trust, steady = UsualDifferences(model.rig, settings.doubt_px), SteadyConfidence(fps)
     for frame, chosen in enumerate(best):
         yield Step("settling", frame)
         solution = next(solutions)

@@ -19,15 +19,10 @@ from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.limb import promising_of_pair
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import (
-    PartConfidence,
-    confidences,
-    differences,
-    inner,
-    within_windows,
-)
+from services.mocap.search.part_confidence import confidences
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_stage, whole_body_problem
+from services.mocap.search.usual_differences import UsualDifferences, differences, inner, within_windows
 from services.mocap.take.marks import LIMB_NAMES, LIMB_PAIRS, PARTS, Part
 from services.mocap.types import Bytes, Floats
 
@@ -202,7 +197,7 @@ def solve_by_contours(
     starts: Floats,
     settings: SearchSettings,
     limbs: LimbPool,
-    trust: PartConfidence,
+    trust: UsualDifferences,
     other: Floats | None = None,
     *,
     thorough: bool = False,

@@ -16,8 +16,9 @@ from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import without_others
-from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
+from services.mocap.search.part_confidence import doubt_rivals
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.types import Floats
 
 _BLOCK_S = 0.3
@@ -77,7 +78,7 @@ class FixedLag:
         if not self._is_worth_it(frames, n_settled):
             yield from self.unchanged(n_settled)
             return
-        trust = PartConfidence(self._model.rig, self._settings.doubt_px)
+        trust = UsualDifferences(self._model.rig, self._settings.doubt_px)
         path = PathSearch(self._model, self._settings)
         trust.recall(frames[0].memory)
         frames = yield from self._track_back(frames, path)
@@ -107,7 +108,7 @@ class FixedLag:
     def _track_back(self, frames: list[Tracked], path: PathSearch) -> Generator[Step, None, list[Tracked]]:
         """Track from the last of some frames to the first, and add both ways to a path, which leads to the
         frame that was settled last; returns the frames, in which other people are unsure."""
-        trust = PartConfidence(self._model.rig, self._settings.doubt_px)
+        trust = UsualDifferences(self._model.rig, self._settings.doubt_px)
         last = self._alone(frames[-1])
         poses, alone = [last.solution.pose], [last]
         path.add(last.seen, poses[0], poses[0], last.absent)
@@ -122,7 +123,7 @@ class FixedLag:
             path.add(self._alone(self._before).seen, pose, pose, self._before.absent)
         return alone[::-1]
 
-    def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
+    def _solve(self, frame: Tracked, starts: Floats, trust: UsualDifferences) -> FrameSolution:
         picture, settings = self._model.without_cameras(frame.seen, frame.absent, self._settings)
         return solve_frame(self._model, picture, starts, settings, self._limbs, trust)
 

@@ -12,8 +12,8 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LimbPool, LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.paper_search import solve_by_passes
-from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.types import Floats
 
 
@@ -23,7 +23,7 @@ def solve_frame(
     starts: Floats,
     settings: SearchSettings,
     limbs: LimbPool,
-    trust: PartConfidence | None = None,
+    trust: UsualDifferences | None = None,
     other: Floats | None = None,
     *,
     thorough: bool = False,
@@ -37,7 +37,7 @@ def solve_frame(
     starts = pose_of_body(clip_to_limits(starts), settings.body)
     if settings.method == "paper":
         return solve_by_passes(model, whole, starts, settings, limbs)
-    trust = trust or PartConfidence(model.rig, settings.doubt_px)
+    trust = trust or UsualDifferences(model.rig, settings.doubt_px)
     return solve_by_contours(model, whole, starts, settings, limbs, trust, other, thorough=thorough)
 
 

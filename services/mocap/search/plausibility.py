@@ -1,4 +1,14 @@
-"""Checks whether the first frame's silhouettes can be tracked, before any search."""
+"""Checks whether the first frame's silhouettes can be tracked, before any search.
+
+What hides the actor, and who else is there, are told apart in this order:
+
+- A camera that is empty or nearly white, or that disagrees with the others, is left out; so is one alone that
+  sees the actor cut in two, and up to three from which the same furniture hides the actor (agreement.py).
+- Pieces of the hull one above the other are one person, whom something hides in part (hull.stacked).
+- Of two people the one nearer to the actor's place is the actor; what shows the other is unsure
+  (two_people.py).
+- Else, where most cameras see one piece, what is between the pieces in the others may be actor (_bridged).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

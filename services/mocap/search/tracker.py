@@ -20,10 +20,10 @@ from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.other_people import find_others, without_others
-from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.two_people import Places
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
 
@@ -59,7 +59,7 @@ class Tracker:
     def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, poses: Floats) -> None:
         """poses: (N, D) the first one, or else the last two of a tracker that this one goes on from."""
         self._model, self._settings, self._limbs = model, settings, limbs
-        self._trust = PartConfidence(model.rig, settings.doubt_px)
+        self._trust = UsualDifferences(model.rig, settings.doubt_px)
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
         self._others: list[int] = []

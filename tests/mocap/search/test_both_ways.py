@@ -19,9 +19,9 @@ from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.take.marks import PARTS, LimbName
 from services.mocap.types import Bytes, Floats
 
@@ -173,7 +173,7 @@ def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
     picture = Picture.whole(model.rig, seen[0].silhouettes)
     errors_mm = []
     for thorough in (False, True):
-        trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+        trust = UsualDifferences(model.rig, SETTINGS.doubt_px)
         trust.recall({f"usual.{part}": [3000] * 15 for part in PARTS})
         limbs = LocalLimbs(model)
         found = solve_by_contours(model, picture, lost, SETTINGS, limbs, trust, thorough=thorough)
@@ -184,7 +184,7 @@ def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
 
 def test_a_thorough_search_leaves_sure_limbs_out(model: Model, truth: Floats, seen: list[TriPlanes]) -> None:
     picture = Picture.whole(model.rig, seen[0].silhouettes)
-    trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+    trust = UsualDifferences(model.rig, SETTINGS.doubt_px)
     limbs = LocalLimbs(model)
     found = solve_by_contours(model, picture, truth[:1], SETTINGS, limbs, trust, thorough=True)
     assert all(found.confidence[limb] > 0.99 for limb in LIMBS)
@@ -204,7 +204,7 @@ def test_a_limb_is_not_searched_where_the_other_track_has_it(
     picture, limbs = Picture.whole(model.rig, seen[0].silhouettes), LocalLimbs(model)
 
     def solved(settings: SearchSettings, other: Floats | None) -> FrameSolution:
-        trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+        trust = UsualDifferences(model.rig, SETTINGS.doubt_px)
         return solve_by_contours(model, picture, lost, settings, limbs, trust, other)
 
     aligned = solved(SETTINGS.model_copy(update={"search_limbs": "never"}), None)
@@ -218,7 +218,7 @@ def test_a_thorough_search_looks_for_limbs_although_the_other_track_has_them_the
 ) -> None:
     lost = without(truth, "left_arm", slice(0, 1), standing)[:1]
     picture, limbs = Picture.whole(model.rig, seen[0].silhouettes), LocalLimbs(model)
-    trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+    trust = UsualDifferences(model.rig, SETTINGS.doubt_px)
     found = solve_by_contours(model, picture, lost, SETTINGS, limbs, trust, lost[0], thorough=True)
     assert "left_arm" in found.limb_seconds
 

@@ -17,8 +17,8 @@ from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.lost_probability import LOST_M
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.usual_differences import UsualDifferences
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
 
@@ -103,7 +103,7 @@ def test_what_no_pose_explains_is_marked(
 ) -> None:
     truth = standing(shoulder_elevation=-40)
     planes = silhouettes_of(truth)
-    trust = PartConfidence(model.rig, SearchSettings().doubt_px)
+    trust = UsualDifferences(model.rig, SearchSettings().doubt_px)
     args = (SearchSettings(), LocalLimbs(model))
     clean = solve_frame(model, Picture.whole(model.rig, planes), truth[None], *args, trust=trust)
     without_arms = planes.copy()
@@ -126,7 +126,7 @@ def test_what_is_lost_in_a_skirt_is_marked_and_nothing_else(
         model.rig, dressed.backend.coverage(truth[None], ALL_SURFACES, Region.whole(model.rig))[0]
     )
     start = standing(shoulder_elevation=-50, right_hip_flexion=20, right_knee_flexion=flexion)
-    trust = PartConfidence(model.rig, SearchSettings().doubt_px)
+    trust = UsualDifferences(model.rig, SearchSettings().doubt_px)
     found = solve_frame(dressed, picture, start[None], SearchSettings(), LocalLimbs(dressed), trust=trust)
     assert set(found.distrusted) == _lost(found.pose, truth, body)
 

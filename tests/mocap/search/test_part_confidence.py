@@ -21,13 +21,12 @@ from services.mocap.search.lost_probability import (
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import (
     LEAST_CONFIDENCE,
-    PartConfidence,
     SteadyConfidence,
     confidences,
-    differences,
     doubt_rivals,
 )
 from services.mocap.search.pose_prior import pose_prior
+from services.mocap.search.usual_differences import UsualDifferences, differences
 from services.mocap.take.marks import LIMB_NAMES, PARTS, Part
 from services.mocap.types import Bytes, Floats
 
@@ -62,7 +61,7 @@ def test_the_right_pose_leaves_nothing(
     planes = silhouettes_of(pose)
     found = differences(model, Picture.whole(model.rig, planes), pose, planes)
     assert found == Differences(NOTHING, NOTHING, 0.0)
-    trust = PartConfidence(model.rig, 30.0)
+    trust = UsualDifferences(model.rig, 30.0)
     confidence = confidences(evidence_of(USUAL_RIM, found.nearest_px, USUAL_POSE), USUAL_RIM)
     assert trust.to_search(found) == trust.distrusted(found, confidence) == []
     assert min(confidence.values()) > 0.98
@@ -75,7 +74,7 @@ def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
     wrong = pose.copy()
     wrong[DOF_INDEX["left_shoulder_elevation"]] += 1.0
     found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
-    trust, rim = PartConfidence(model.rig, 30.0), _rim((100.0, 20.0, 0.0), told=0.2)
+    trust, rim = UsualDifferences(model.rig, 30.0), _rim((100.0, 20.0, 0.0), told=0.2)
     confidence = confidences(evidence_of(rim, found.nearest_px, wrong), rim)
     assert "left_arm" in trust.to_search(found)
     assert trust.distrusted(found, confidence) == ["left_arm"]
@@ -88,7 +87,7 @@ def test_an_empty_picture_is_a_loss_of_all(
     pose = standing()
     planes = silhouettes_of(pose)
     found = differences(model, Picture.whole(model.rig, np.zeros_like(planes)), pose, planes)
-    assert "torso" in PartConfidence(model.rig, 30.0).distrusted(found, {})
+    assert "torso" in UsualDifferences(model.rig, 30.0).distrusted(found, {})
 
 
 def test_pixels_that_are_ignored_do_not_count(
@@ -102,7 +101,7 @@ def test_pixels_that_are_ignored_do_not_count(
 
 
 def test_what_usually_differs_is_no_doubt_but_a_leap_is(model: Model) -> None:
-    trust = PartConfidence(model.rig, 30.0)
+    trust = UsualDifferences(model.rig, 30.0)
     for _ in range(20):
         trust.remember(_left_arm(100))
     assert trust.to_search(_left_arm(150)) == []
@@ -110,7 +109,7 @@ def test_what_usually_differs_is_no_doubt_but_a_leap_is(model: Model) -> None:
 
 
 def test_a_lost_limb_never_becomes_usual(model: Model) -> None:
-    trust = PartConfidence(model.rig, 30.0)
+    trust = UsualDifferences(model.rig, 30.0)
     trust.remember(_left_arm(0))
     for _ in range(200):
         trust.remember(_left_arm(120))
@@ -121,11 +120,11 @@ def test_the_torso_is_in_doubt_against_what_is_usual_but_never_at_a_quarter(mode
     def sharing(share: float) -> Differences:
         return Differences(NOTHING, NOTHING, share)
 
-    bare, coat = PartConfidence(model.rig, 30.0), PartConfidence(model.rig, 30.0)
+    bare, coat = UsualDifferences(model.rig, 30.0), UsualDifferences(model.rig, 30.0)
     for _ in range(20):
         bare.remember(sharing(0.02))
         coat.remember(sharing(0.13))
-    again = PartConfidence(model.rig, 30.0)
+    again = UsualDifferences(model.rig, 30.0)
     again.recall(coat.as_lists())
     for trust, doubtful in ((bare, [0.11, 0.18, 0.26]), (coat, [0.2, 0.26]), (again, [0.2, 0.26])):
         found = [
@@ -141,7 +140,7 @@ def test_the_torso_is_in_doubt_against_what_is_usual_but_never_at_a_quarter(mode
 
 
 def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Model) -> None:
-    trust, searched = PartConfidence(model.rig, 30.0), []
+    trust, searched = UsualDifferences(model.rig, 30.0), []
     trust.remember(_left_arm(0))
     for frame in range(40):
         if trust.to_search(_left_arm(500)):
@@ -155,7 +154,7 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
 
 def test_the_torso_is_not_searched_like_a_limb(model: Model) -> None:
     lost = Differences(_left_arm(500).px, NOTHING, 0.5)
-    trust = PartConfidence(model.rig, 30.0)
+    trust = UsualDifferences(model.rig, 30.0)
     assert trust.distrusted(lost, {"left_arm": 0.5}) == ["torso", "left_arm"]
     assert trust.to_search(lost) == ["left_arm"]
 

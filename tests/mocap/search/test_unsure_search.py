@@ -16,10 +16,11 @@ from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import PartConfidence, confidences, differences
+from services.mocap.search.part_confidence import confidences
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.single_person import uncovered_share
+from services.mocap.search.usual_differences import UsualDifferences, differences
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
@@ -93,7 +94,7 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
 def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_leg: TriPlanes) -> None:
     picture, trust = (
         Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure),
-        PartConfidence(model.rig, 30.0),
+        UsualDifferences(model.rig, 30.0),
     )
     found = solve_by_contours(model, picture, truth[None], SETTINGS, LocalLimbs(model), trust)
     assert found.passes == 0
