@@ -55,8 +55,8 @@ CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
 N_CLASSES = len(CLASS_PRIOR)
 _NEVER = 255
 _WIDE, _NARROW = range(2)
-"""Misses of changes that are taken to be a pixel wider than they were seen, which tell that something is near;
-and of narrower ones, which tell that it is there."""
+"""Misses of changes that are taken to be a pixel wider than they were seen, which tell that something is
+near; and of narrower ones, which tell that it is there."""
 
 
 @dataclass(frozen=True, eq=False)
