@@ -13,12 +13,14 @@ from services.mocap.calibration.mistake import Mistake
 from services.mocap.calibration.mistakes import mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.camera.camera import Camera
+from services.mocap.energy.bitplanes import FULL_SHARE
 from services.mocap.errors import CertainError, TakeError
 from services.mocap.sampling import evenly
+from services.mocap.search.plausibility import white_all_over
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.segmenter_name import kind_of
-from services.mocap.types import Mask
+from services.mocap.types import ACTOR, Mask
 from services.mocap.verdict.verdict import Cause, Level
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
@@ -124,7 +126,11 @@ def _compared(
         return made.knowing(moved or {})
 
     with kept_warnings() as warnings:
-        cameras, outlines, _ = outlines_of(take, frames, progress, segmenter_of)
+        cameras, outlines, middle = outlines_of(take, frames, progress, segmenter_of)
+        parts = (middle[c, : one.height_px, : one.width_px] for c, one in enumerate(cameras))
+        n_white = sum((part == ACTOR).mean() > FULL_SHARE for part in parts)
+        if 2 * n_white > len(cameras):
+            raise white_all_over(n_white, len(cameras), f"frame {frames[len(frames) // 2]}")
         found = mistakes_in(cameras, outlines, take.settings.up, take.folder, frames)
         certain = [mistake for mistake in found if mistake.is_certain]
         if certain:

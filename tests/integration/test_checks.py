@@ -140,6 +140,15 @@ def test_what_cannot_be_tracked_is_refused(
     assert "Traceback" not in done.stderr
 
 
+def test_inverted_silhouettes_are_told_and_nothing_else(take: Path, checked: Checked) -> None:
+    for camera in (folder.name for folder in (take / "silhouettes").iterdir()):
+        _change(take, camera, lambda mask, _: 255 - mask)
+    lines = checked("track", take).stderr.splitlines()
+    assert "cameras are white nearly all over in frame" in lines[-1]
+    assert lines[-1].endswith("check the background, or invert the pictures")
+    assert not [line for line in lines if line.startswith("warning: ")]
+
+
 def test_nothing_is_said_of_a_good_take(good: Path, remarks: Callable[[Path], list[str]]) -> None:
     assert remarks(good) == []
 

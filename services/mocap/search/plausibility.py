@@ -199,10 +199,7 @@ def _check_counts(
             f"all unsure: choose a first frame in which the actor is surely to be seen, or {REMEDY}"
         )
     if full and len(full) >= len(empty):
-        raise CertainError(
-            f"silhouettes: {len(full)} of {n_cameras} cameras are white nearly all over in the first frame: "
-            "expected the actor white on black: check the background, or invert the pictures"
-        )
+        raise white_all_over(len(full), n_cameras, "the first frame")
     if len(empty) == n_cameras:
         raise NotInViewError(
             f"silhouettes: nobody is visible in the first frame of all {n_cameras} cameras: choose a "
@@ -211,6 +208,14 @@ def _check_counts(
     raise NotInViewError(
         f"silhouettes: only {len(usable)} of {n_cameras} cameras show a person in the first frame: expected "
         f"{MIN_CAMERAS} or more: choose a first frame in which the actor is in view, or check the background"
+    )
+
+
+def white_all_over(n_white: int, n_cameras: int, where: str) -> CertainError:
+    """Pictures are inverted, say."""
+    return CertainError(
+        f"silhouettes: {n_white} of {n_cameras} cameras are white nearly all over in {where}: expected the "
+        "actor white on black: check the background, or invert the pictures"
     )
 
 
