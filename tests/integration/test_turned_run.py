@@ -83,7 +83,7 @@ def test_the_run_is_repeated_forwards_with_that_fit(
         return {"speed": {"fps": 2.0}}
 
     monkeypatch.setattr(fitted_runs, "track_with_bar", tracked)
-    monkeypatch.setattr(fitted_runs, "_refined", lambda _job, _silhouettes, report, **_: report)
+    monkeypatch.setattr(fitted_runs, "_fitted_again", lambda _job, _silhouettes, report, **_: report)
     silhouettes, report = TakeSilhouettes(take), dict[str, Any]()
     job = TakeJob(
         out=right, workers=0, engine=EngineSettings(), search=SearchSettings(), take=take,
