@@ -115,8 +115,8 @@ def _compared(
 ) -> Comparison:
     """Compare the cameras; raises TakeError where it is certain that the take cannot be tracked.
 
-    moved: by camera the pixels (h, w) of a moved object (Segmenter.moved), which one camera alone takes for
-    the actor; they are unsure.
+    moved: by camera the pixels (h, w) of a moved object (SilhouetteSource.moved), which one camera alone
+    takes for the actor; they are unsure.
     """
     take, plate_checks = silhouettes.take, list[PlateCheck]()
 

@@ -24,7 +24,7 @@ def await_clients(
     board: Switchboard, plan: Plan, workers: int, recorders: int, look: Callable[[], bool]
 ) -> Recording | None:
     """Wait for this many workers and recorders, but not for ever; returns what the recorders hold of this
-    plan, if all of them hold some of it.
+    plan, if as many of them as are expected hold some of it.
 
     look: handles messages; returns False once a stop was requested.
     """
@@ -48,7 +48,7 @@ def await_clients(
 
 def await_confirmation(board: Switchboard, end_frame: int, look: Callable[[], bool]) -> None:
     """Wait until all expected recorders have all frames before end_frame, but not for ever: only while one of
-    them asks for some now and then.
+    them gets or confirms some now and then.
 
     look: handles messages. Raises LostFramesError if an expected recorder lacks frames in the end.
     """

@@ -81,7 +81,7 @@ def settle_unchanged(board: Switchboard, end_frame: int, look: Callable[[], bool
 
     look: see fetch_poses.
     """
-    unsettled = range(board.recorders.settled_end, end_frame)
+    unsettled = range(board.recorders.least_settled_end, end_frame)
     first = fetch_poses(board.recorders, unsettled, look)
     if first is None:
         return False

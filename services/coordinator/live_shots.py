@@ -74,11 +74,12 @@ class Pace:
     def recall(self, lists: dict[str, list[int]], now_s: float) -> None:
         """Continue from another Pace's state, on the same machine; raises ValueError if it is invalid.
 
-        If the machine has been started again since, its clock began anew: then the next shot is due soon.
+        If the machine has been started again since, its clock began anew: then the next shot is due soon. A
+        shot that has come was due before now.
         """
         self._shot, s, parts, origin_s, origin_parts = lists.get("pace", [])
         self._shot_s, self._origin_s = s + parts / _MEMORY_PARTS, origin_s + origin_parts / _MEMORY_PARTS
-        if lists.get("clock") != _clock_number():
+        if lists.get("clock") != _clock_number() or self._shot_s > now_s + _LEAD_S:
             step_s = now_s + _LEAD_S - self._shot_s
             self._shot_s, self._origin_s = self._shot_s + step_s, self._origin_s + step_s
         self.has_begun = True

@@ -45,8 +45,8 @@ class _KeptPoses(dict[int, Pose]):
 
 
 class Recorders:
-    """Knows the recorders, and keeps each pose until all of them have it on disk. Iterates over their
-    identities.
+    """Knows the recorders, and keeps each pose until as many as are expected have it on disk. Iterates over
+    their identities.
 
     send(identity, message) -> False if that peer is gone.
     """
@@ -87,14 +87,16 @@ class Recorders:
         return len(self._recordings())
 
     def held(self, take: str, plan: str, n_expected: int) -> Recording | None:
-        """What all recorders that hold something hold of one earlier run of a plan.
+        """What as many recorders as are expected, or one, hold of one earlier run of a plan.
 
-        None if they are fewer than are expected, or hold something else.
+        Others may hold less. None if too few hold something, or they hold something else.
         """
-        held = [one for one in self._recordings() if len(one.poses)]
-        least = min(held, key=lambda recording: recording.end_frame, default=None)
-        if least is None or len(held) < n_expected:
+        needed = max(1, n_expected)
+        held = sorted((one for one in self._recordings() if len(one.poses)), key=lambda one: -one.end_frame)
+        if len(held) < needed:
             return None
+        held = held[:needed]
+        least = held[-1]
         same = all((one.take, one.plan, one.run) == (take, plan, least.run) for one in held)
         return least if same else None
 
@@ -127,6 +129,11 @@ class Recorders:
         while some have not reported."""
         return self._common_end(lambda recording: recording.settled_end)
 
+    @property
+    def least_settled_end(self) -> int:
+        """The least end of the settled poses that recorders report of this run; 0 while none has."""
+        return min((one.settled_end for one in self._recordings() if one.run == self._run), default=0)
+
     def _common_end(self, end_of: Callable[[Recording], int]) -> int:
         """The end up to which as many recorders as are expected have all frames of this run, or one; 0 while
         fewer have reported."""
@@ -137,7 +144,7 @@ class Recorders:
         return ends[needed - 1] if len(ends) >= needed else 0
 
     def keep(self, pose: Pose) -> None:
-        """Keep a published pose until all recorders have it on disk."""
+        """Keep a published pose until as many recorders as are expected have it on disk."""
         if pose.settled:
             self._settled.add(pose, self.settled_end if self._n_expected else OPEN_END)
         else:
@@ -210,8 +217,10 @@ class Recorders:
             handle_messages()
         for identity in set(gone) & self._behind(end_frame):
             log.warning("lost %s", self._known.pop(identity).name)
-        return len(self._known) >= self._n_expected and not self._behind(end_frame)
+        n_whole = len(self._known.keys() - self._told_lacking)
+        return n_whole >= self._n_expected and not self._behind(end_frame)
 
     def _behind(self, end_frame: int) -> set[Identity]:
-        """Recorders that have not confirmed all frames before end_frame."""
-        return {i for i, recorder in self._known.items() if recorder.end_frame < end_frame}
+        """Recorders that have not confirmed all frames before end_frame, but still can."""
+        behind = {i for i, recorder in self._known.items() if recorder.end_frame < end_frame}
+        return behind - self._told_lacking

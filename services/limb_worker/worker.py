@@ -59,8 +59,8 @@ class Worker:
                     self._ask_for(giver, task)
 
     def _ask_for(self, number: int, task: LimbTask) -> None:
-        self._asked_s = time.monotonic()
         for content in self._solver.blobs.missing(task):
+            self._asked_s = time.monotonic()
             self._links[number].send(BlobRequest(hash=content))
 
     def work(self) -> None:

@@ -65,6 +65,9 @@ def in_short(value: object) -> str:
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 1] + "…"
 
 
+_TEXT_AND_NUMBERS = ': put text in quotes, as in up = "z"; decimals take a point, not a comma'
+
+
 def load_toml(path: Path, error: type[UserError]) -> dict[str, Any]:
     """The file's tables and values; raises `error` when it is missing, unreadable or not TOML."""
     try:
@@ -75,8 +78,8 @@ def load_toml(path: Path, error: type[UserError]) -> dict[str, Any]:
         raise error(f"{path}: expected text in UTF-8: save it again in that encoding") from None
     except tomllib.TOMLDecodeError as problem:
         reason = str(problem).strip()
-        said = f"{path}: not valid TOML: {reason[:1].lower()}{reason[1:]}"
-        raise error(f'{said}: words stand in quotes, as in up = "z", and numbers have a point') from None
+        hint = _TEXT_AND_NUMBERS if reason.startswith("Invalid value") else ""
+        raise error(f"{path}: not valid TOML: {reason[:1].lower()}{reason[1:]}{hint}") from None
     except OSError as problem:
         raise error(f"{path}: cannot be read ({problem.strerror}): expected a TOML file") from None
 

@@ -86,11 +86,14 @@ def _put_in_place(fresh: Path, out: Path) -> None:
 
 
 def _move_into(fresh: Path, out: Path) -> None:
-    """Replace the results in a folder that cannot be replaced itself; the report goes last, because it marks
-    them complete."""
+    """Replace the results in a folder that cannot be replaced itself.
+
+    The earlier poses stay until the new ones replace them: by these a folder of results is known. The report
+    goes last, because it marks them complete.
+    """
     (out / RUN_JSON).unlink(missing_ok=True)
     for path in out.iterdir():
-        if path.is_file() and path.name != JOURNAL:
+        if path.is_file() and path.name not in (JOURNAL, POSES):
             path.unlink()
     for path in sorted(fresh.iterdir(), key=lambda path: path.name == RUN_JSON):
         shutil.move(path, out / path.name)

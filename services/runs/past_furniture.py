@@ -40,9 +40,9 @@ def fit_past_furniture(fit_to: FitTo, blind: Callable[[], Mapping[str, Mask]], s
 
     The first fit is without further pixels, the next without those in which something may hide what the
     first one leaves unexplained. If that is no better, and the first fit is poor, another body is fitted
-    without the pixels of Segmenter.blind. It counts for nothing itself, but tells where something hides it,
-    which a further fit leaves out. Raises TakeError as fit_to does: where nobody can be fitted at all, a
-    wrong calibration is likelier than furniture, and makes cameras seem blind as well.
+    without the pixels of SilhouetteSource.blind. It counts for nothing itself, but tells where something
+    hides it, which a further fit leaves out. Raises TakeError as fit_to does: where nobody can be fitted at
+    all, a wrong calibration is likelier than furniture, and makes cameras seem blind as well.
     """
     found = fit_to({}, show)
     fits = _FitsPastFurniture(found, fit_to, show)

@@ -9,10 +9,10 @@ from pathlib import Path
 import msgpack
 
 from proto.framing import MalformedMessage, decode
-from proto.messages import Pose
+from proto.messages import OPEN_END, Pose, TakeInfo
 from proto.streams import ASK_AGAIN_S
 from services.mocap.errors import TakeError
-from services.mocap.take.journal import records
+from services.mocap.take.journal import record_at, records
 from services.pose_size import with_whole_poses
 from services.viewer.frame_history import FrameHistory
 from services.viewer.solved_frame import solved_frame_of
@@ -34,20 +34,33 @@ def read_journal(path: Path, run: str, history: FrameHistory) -> None:
         log.warning("the recorder's journal cannot be read: %s", problem)
         return
     try:
-        for _, frames, _ in records(file, path):
-            header = msgpack.unpackb(frames[0]) if frames else {}
-            if (header.get("type"), header.get("run")) != (Pose.type, run):
-                continue
-            if history.lacks(header["frame"], settled=header.get("settled", False)):
-                message = with_whole_poses(decode(frames))
-                if isinstance(message, Pose):
-                    history.put(solved_frame_of(message, time.monotonic()))
+        for (frame, settled), offset in _places(file, path, run).items():
+            found = record_at(file, offset) if history.lacks(frame, settled=settled) else None
+            message = None if found is None else with_whole_poses(decode(found[0]))
+            if isinstance(message, Pose):
+                history.put(solved_frame_of(message, time.monotonic()))
     except (OSError, TakeError) as problem:
         log.warning("the recorder's journal cannot be read: %s", problem)
     except MalformedMessage:
         log.warning("%s was written by another version", path)
     finally:
         os.close(file)
+
+
+def _places(file: int, path: Path, run: str) -> dict[tuple[int, bool], int]:
+    """Where the poses of a run are in a journal, by frame and whether they are settled, without those of
+    moments that another coordinator's frames replaced (Store.keep)."""
+    places = dict[tuple[int, bool], int]()
+    for offset, frames, _ in records(file, path):
+        header = msgpack.unpackb(frames[0]) if frames else {}
+        if header.get("run") != run:
+            continue
+        if header.get("type") == Pose.type:
+            places[header["frame"], header.get("settled", False)] = offset
+        elif header.get("type") == TakeInfo.type and header.get("end_frame") == OPEN_END:
+            begun = header.get("continued_at") or OPEN_END
+            places = {place: at for place, at in places.items() if place[0] < begun}
+    return places
 
 
 _AGAIN_S = 0.8 * ASK_AGAIN_S

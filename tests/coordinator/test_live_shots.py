@@ -45,7 +45,7 @@ def test_another_one_goes_on_with_it() -> None:
     pace, other = Pace(_PERIOD_S), Pace(_PERIOD_S)
     pace.begin([], 123_456.789)
     pace.hear(77, [pace.due_s(77) + 0.01])
-    other.recall(pace.as_lists(), 123_460.0)
+    other.recall(pace.as_lists(), 123_470.0)
     assert other.has_begun
     assert other.due_s(500) == pytest.approx(pace.due_s(500), abs=1e-5)
     assert other.since_first_s(0.0) == pytest.approx(pace.since_first_s(0.0), abs=1e-5)

@@ -165,6 +165,8 @@ def test_a_recorder_that_comes_too_late_ends_no_run(
     assert board.recorders.heard_s == heard_s, "asking in vain is no reason to wait"
     assert board.recorders.n_lacking == 0
     assert board.recorders.n_unrecorded == 0
+    recorder.send(Recorded(run=RUN, end_frame=many))
+    _until(board, recorder, lambda: board.recorders.have_all(many, lambda: board.pump(0.0)))
     held = board.recorders.held("walk", "0" * 64, n_expected=1)
     assert held is not None
     assert held.end_frame == many

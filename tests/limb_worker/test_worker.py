@@ -126,6 +126,7 @@ def test_content_that_does_not_come_is_asked_for_again(monkeypatch: pytest.Monke
     shift.worker.tick()
     assert shift.asked == [1]
     now_s[0] += 1.01 * ASK_AGAIN_S
+    shift.give(0, "known", 0)  # of another coordinator, for whom nothing is to be asked
     shift.worker.tick()
     shift.worker.tick()
     assert shift.asked == [1, 1]

@@ -14,7 +14,7 @@ import pytest
 
 from playback import RUN, Playback
 from proto.framing import encode
-from proto.messages import Pose
+from proto.messages import OPEN_END, Pose
 from services.mocap.take.folder import Take
 from services.mocap.take.journal import JOURNAL, Journal
 from services.viewer.frame_history import FrameHistory
@@ -68,6 +68,20 @@ def test_what_is_known_stays_unless_the_journal_has_it_settled(
     journal.append(encode(pose(11, settled=True, energy_px=7.0)))
     read_journal(journal.path, RUN, history)
     assert [known.energy_px for frame in (10, 11) if (known := history.solved(frame))] == [110.0, 7.0]
+
+
+def test_moments_that_a_continued_live_run_replaced_are_not_shown(
+    journal: Journal, history: FrameHistory, pose: Callable[..., Pose]
+) -> None:
+    for frame in (10, 12, 13):
+        journal.append(encode(pose(frame, energy_px=1.0)))
+    told = {"type": "take_info", "run": RUN, "end_frame": OPEN_END, "continued_at": 11}
+    journal.append([msgpack.packb(told)])
+    for frame in (11, 12):
+        journal.append(encode(pose(frame, energy_px=9.0)))
+    read_journal(journal.path, RUN, history)
+    assert _known(history) == [10, 11, 12]
+    assert [known.energy_px for frame in (10, 11, 12) if (known := history.solved(frame))] == [1.0, 9.0, 9.0]
 
 
 def test_a_record_that_is_being_written_is_read_once_it_is_whole(

@@ -17,9 +17,9 @@ from services.mocap.types import Bytes
 _WAITING = 120
 """Most pictures that wait to be written, some seconds; more are dropped."""
 _CRF = 16
+"""Video quality, high enough to be tracked as well as the live pictures."""
 _LATE_S = 2.0
 """A first picture later than this is told."""
-"""Video quality, high enough to be tracked as well as the live pictures."""
 
 log = logging.getLogger(__name__)
 
@@ -102,7 +102,7 @@ class CameraRecording:
                 if image is not None and not self._times_s:
                     self._last = image  # shots before the first picture repeat it
                     if shot > _LATE_S * self._fps:
-                        said = "%s: its recording lacks the first %.0f s, which repeat the first picture"
+                        said = "%s: its first picture came after %.0f s; until then its recording repeats it"
                         log.warning(said, self._camera.name, shot / self._fps)
                 while len(self._times_s) < shot:
                     self._write(writer, self._last, None)

@@ -121,7 +121,7 @@ def test_settings_that_are_no_toml(small_take: SmallTake, refusal: Refusal) -> N
     change_settings(folder, "fps = 10.0", "fps = ")
     said = refusal(folder)
     assert said.startswith("take.toml: not valid TOML: invalid value (at line 2")
-    assert said.endswith('words stand in quotes, as in up = "z", and numbers have a point')
+    assert said.endswith('put text in quotes, as in up = "z"; decimals take a point, not a comma')
 
 
 def test_a_mirrored_camera_is_refused(small_take: SmallTake, refusal: Refusal) -> None:

@@ -87,4 +87,4 @@ def test_a_recording_that_begins_late_says_so(
     recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
     recording.add(40, np.zeros((48, 64, 3), np.uint8), 4.0)
     recording.finish(41)
-    assert "cam01: its recording lacks the first 4 s" in caplog.text
+    assert "cam01: its first picture came after 4 s" in caplog.text
