@@ -14,8 +14,7 @@ from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.fit.hats import in_best_hat
-from services.mocap.fit.quality import in_best_skirt
+from services.mocap.fit.worn import as_worn
 from services.mocap.search.both_ways import found_anew
 from services.mocap.search.first_frame import FirstFrame, FirstFrameSearch
 from services.mocap.search.found import BY_ENERGY
@@ -106,8 +105,7 @@ def _fitted_once_more(
     is_refined_next: the last one is left out if that pose is near the way's.
     """
     ways = [way]
-    in_skirt = in_best_skirt(way.fit.actor, way.fit.poses, rig, seen)
-    worn = in_best_hat(in_skirt, way.fit.poses, rig, seen)
+    worn = as_worn(way.fit.actor, way.fit.poses, rig, seen)
     dressed = actor.in_skirt(worn.skirt).in_hat(worn.hat)
     if dressed != dressed.bare:
         ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))

@@ -19,8 +19,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.fit.hats import in_best_hat
-from services.mocap.fit.quality import in_best_skirt
+from services.mocap.fit.worn import as_worn
 from services.mocap.result.result import Result, check_take, load_result
 from services.mocap.sampling import evenly
 from services.mocap.search.model import model_on_cpu
@@ -161,8 +160,9 @@ def _fitted(
     """Fit an actor, in a skirt or a hat if that suits better, to frames (F, P, H, W) that lie apart, from
     poses (F, D)."""
     with clock.stage("fitting the actor") as progress:
-        start = in_best_hat(in_best_skirt(actor, poses, rig, seen), poses, rig, seen)
-        return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height)
+        return fit_actor(
+            rig, seen, as_worn(actor, poses, rig, seen), poses, progress, body, take.settings.actor_height
+        )
 
 
 def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Take:

@@ -16,7 +16,7 @@ from services.mocap.body.kinematics import N_RIGID
 from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import outline_of
-from services.mocap.types import Floats, Longs, Mask
+from services.mocap.types import Floats, Ints, Longs, Mask
 
 NEAREST_M = 0.1
 """Nothing is drawn for a camera if the body comes nearer to its plane than this."""
@@ -32,8 +32,8 @@ class Topology:
     """(F, 3)"""
     edges: Longs
     """(E, 2) vertices."""
-    sides: Longs
-    """(E, 2) the faces on both sides of an edge."""
+    sides: Ints
+    """(2, E) the faces on both sides of an edge."""
 
 
 @cache
@@ -47,7 +47,9 @@ def topology(body_mesh: BodyMesh) -> Topology:
         starts=starts,
         faces=np.vstack([m.faces + s for m, s in zip(meshes, starts[:-1], strict=True)]).astype(np.int64),
         edges=np.vstack([edges[:, :2] + s for (edges, _), s in zip(pairs, starts[:-1], strict=True)]),
-        sides=np.vstack([sides + s for (_, sides), s in zip(pairs, face_starts[:-1], strict=True)]),
+        sides=np.hstack(
+            [(sides + s).T for (_, sides), s in zip(pairs, face_starts[:-1], strict=True)]
+        ).astype(np.int32),
     )
 
 
@@ -75,7 +77,7 @@ class PosedSurface:
     vertices_world_m: Floats
     """(V, 3) of all surfaces."""
     planes: Floats
-    """(F, 4) unit normal and offset of the faces."""
+    """(4, F) unit normal and offset of the faces."""
     mesh: Topology
 
     @classmethod
@@ -99,21 +101,22 @@ class PosedSurface:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _planes(vertices_m: Floats, faces: Longs) -> Floats:
-    """(F, 4) unit normal and offset of faces."""
-    planes = np.zeros((len(faces), 4))
+    """(4, F) unit normal and offset of faces."""
+    planes = np.zeros((4, len(faces)))
     for f in range(len(faces)):
         a, b, c = vertices_m[faces[f, 0]], vertices_m[faces[f, 1]], vertices_m[faces[f, 2]]
         x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
         y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
         z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         length = max(np.sqrt(x * x + y * y + z * z), 1e-12)
-        planes[f] = x / length, y / length, z / length, (x * a[0] + y * a[1] + z * a[2]) / length
+        planes[0, f], planes[1, f], planes[2, f] = x / length, y / length, z / length
+        planes[3, f] = (x * a[0] + y * a[1] + z * a[2]) / length
     return planes
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _turning_edges(
-    vertices_m: Floats, planes: Floats, edges: Longs, sides: Longs, n_rigid: int, centre_m: Floats, P: Floats
+    vertices_m: Floats, planes: Floats, edges: Longs, sides: Ints, n_rigid: int, centre_m: Floats, P: Floats
 ) -> tuple[Longs, Floats, Floats, Floats]:
     """The edges of which a camera sees one side. Of those between the first n_rigid vertices: their ends as
     vertices (E, 2), middles (E, 2) in pixels and normals (E, 2); of all: their ends (N, 2, 2) in pixels.
@@ -121,19 +124,22 @@ def _turning_edges(
     Seen from the first end to the second, the front face is always on the same side. Empty if one of them
     reaches the camera's plane.
     """
-    front = np.empty(len(planes), np.bool_)
-    for f in range(len(planes)):
-        towards_m = planes[f, 0] * centre_m[0] + planes[f, 1] * centre_m[1] + planes[f, 2] * centre_m[2]
-        front[f] = towards_m > planes[f, 3]
-    turning, total = np.empty(len(edges), np.int64), 0
-    for e in range(len(edges)):  # without a branch, which makes it twice as fast
+    # Rows of their own, and no branch below: loops over all faces and edges are three times as fast.
+    normal_x, normal_y, normal_z, offset = planes[0], planes[1], planes[2], planes[3]
+    ones, others = sides[0], sides[1]
+    front = np.empty(len(offset), np.bool_)
+    for f in range(len(offset)):
+        towards_m = normal_x[f] * centre_m[0] + normal_y[f] * centre_m[1] + normal_z[f] * centre_m[2]
+        front[f] = towards_m > offset[f]
+    turning, total = np.empty(len(ones), np.int32), 0
+    for e in range(len(ones)):
         turning[total] = e
-        total += front[sides[e, 0]] != front[sides[e, 1]]
+        total += front[ones[e]] != front[others[e]]
     ends_px, of_rigid = np.empty((total, 2, 2)), np.empty((total, 2), np.int64)
     middles_px, facing, count = np.empty((total, 2)), np.empty((total, 2)), 0
     for n in range(total):
         e = turning[n]
-        one, other = sides[e, 0], sides[e, 1]
+        one, other = ones[e], others[e]
         for k in range(2):
             a, end = edges[e, k], k if front[one] else 1 - k
             ax, ay, az = vertices_m[a, 0], vertices_m[a, 1], vertices_m[a, 2]
@@ -144,8 +150,8 @@ def _turning_edges(
             ends_px[n, end, 1] = (P[1, 0] * ax + P[1, 1] * ay + P[1, 2] * az + P[1, 3]) / depth
         if edges[e, 0] >= n_rigid:
             continue
-        x, y = planes[one, 0] + planes[other, 0], planes[one, 1] + planes[other, 1]
-        z = planes[one, 2] + planes[other, 2]
+        x, y = normal_x[one] + normal_x[other], normal_y[one] + normal_y[other]
+        z = normal_z[one] + normal_z[other]
         u, v = (ends_px[n, 0, 0] + ends_px[n, 1, 0]) / 2, (ends_px[n, 0, 1] + ends_px[n, 1, 1]) / 2
         away = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z
         du = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z - u * away
@@ -161,19 +167,26 @@ def _turning_edges(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _silhouette(ends_px: Floats, width_px: int, height_px: int) -> Mask:
     """(H, W) the pixels whose centres are covered by the surface: those inside the edges (N, 2, 2)."""
-    turns = np.zeros((height_px, width_px + 1), np.int32)
+    mask = np.zeros((height_px, width_px), np.bool_)
+    if len(ends_px) == 0:
+        return mask
+    # Only between the outermost edges: pictures are large.
+    left = int(min(max(np.ceil(ends_px[:, :, 0].min()), 0.0), width_px))
+    right = int(min(max(np.ceil(ends_px[:, :, 0].max()), 0.0), width_px))
+    top = int(min(max(np.ceil(ends_px[:, :, 1].min()), 0.0), height_px))
+    bottom = int(min(max(np.ceil(ends_px[:, :, 1].max()), 0.0), height_px))
+    turns = np.zeros((bottom - top, right - left + 1), np.int16)
     for n in range(len(ends_px)):
         x0, y0, x1, y1 = ends_px[n, 0, 0], ends_px[n, 0, 1], ends_px[n, 1, 0], ends_px[n, 1, 1]
         way = 1
         if y1 < y0:
             x0, y0, x1, y1, way = x1, y1, x0, y0, -1
-        for y in range(max(int(np.ceil(y0)), 0), min(int(np.ceil(y1)), height_px)):
+        for y in range(max(int(np.ceil(y0)), top), min(int(np.ceil(y1)), bottom)):
             x = x0 + (x1 - x0) * (y - y0) / (y1 - y0)
-            turns[y, int(min(max(np.ceil(x), 0.0), float(width_px)))] += way
-    mask = np.zeros((height_px, width_px), np.bool_)
-    for y in range(height_px):
+            turns[y - top, int(min(max(np.ceil(x), left), right)) - left] += way
+    for y in range(top, bottom):
         total = 0
-        for x in range(width_px):
-            total += turns[y, x]
+        for x in range(left, right):
+            total += turns[y - top, x - left]
             mask[y, x] = total != 0
     return mask

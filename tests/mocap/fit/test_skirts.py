@@ -12,7 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.fit.quality import in_best_skirt
+from services.mocap.fit.worn import in_best_skirt
 from services.mocap.search.chains import ALL_SURFACES
 
 
