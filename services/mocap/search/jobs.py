@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.descent import Solution
@@ -38,7 +39,7 @@ class LimbPool(Protocol):
 
 
 class LocalLimbs:
-    """Solves limbs in this process, one after the other."""
+    """Solves limbs in this process: on the CPU several at the same time, else one after the other."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -50,10 +51,16 @@ class LocalLimbs:
 
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:
         """See LimbPool.finish."""
-        for job in self._jobs:
+
+        def solved(model: Model, job: LimbJob) -> tuple[LimbName, Solution]:
             began_s = time.perf_counter()
-            found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings)
-            yield job.limb, replace(found, seconds=time.perf_counter() - began_s)
+            found = solve_limb(model, job.limb, job.window, job.pose, job.settings)
+            return job.limb, replace(found, seconds=time.perf_counter() - began_s)
+
+        if len(self._jobs) > 1 and isinstance(self._model.backend, CpuBackend):
+            yield from self._model.copies.each(solved, self._jobs)
+        else:
+            yield from (solved(self._model, job) for job in self._jobs)
 
 
 def limb_jobs(

@@ -44,6 +44,11 @@ class Pool:
         return [(job.limb, self._solve(job)) for job in reversed(self.passes[-1])]
 
 
+def pool_of(model: Model) -> Pool:
+    """Limbs as LocalLimbs solves them, all with this model's own backend, which counts evaluations."""
+    return Pool(lambda job: solve_limb(model, job.limb, job.window, job.pose, job.settings))
+
+
 def sabotage(job: LimbJob) -> Solution:
     """A limb at its upper limits, far from anywhere."""
     dofs = LIMBS[job.limb].dofs
@@ -76,7 +81,7 @@ def test_a_disturbed_body_is_found_again(
     start, picture = disturbed(truth, seed), picture_of(truth)
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_frame(model, picture, start[None], PAPER, LocalLimbs(model))
+    found = solve_frame(model, picture, start[None], PAPER, pool_of(model))
     assert found.evaluations == backend.evaluations - before
     assert joint_errors_mm(start, truth).mean() > 50
     assert joint_errors_mm(found.pose, truth).mean() < 30
@@ -100,7 +105,7 @@ def test_never_worse_than_the_best_start(model: Model, truth: Floats, picture_of
 
 def test_the_search_begins_at_the_best_start(model: Model, truth: Floats, picture_of: PictureOf) -> None:
     starts = np.stack([disturbed(truth, 4) + np.eye(N_DOF)[0], truth])
-    pool = Pool(lambda job: solve_limb(model, job.limb, job.window, job.pose, job.settings))
+    pool = pool_of(model)
     solve_frame(model, picture_of(truth), starts, QUICK, pool)
     np.testing.assert_allclose(pool.passes[0][0].pose[:6], truth[:6], atol=0.05)
 
@@ -148,7 +153,7 @@ def test_plain_xor_of_the_full_mesh_is_reported_whatever_was_minimised(
     search, picture = QUICK.model_copy(update={"max_passes": 1, **changed}), picture_of(truth)
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_frame(model, picture, disturbed(truth, 3)[None], search, LocalLimbs(model))
+    found = solve_frame(model, picture, disturbed(truth, 3)[None], search, pool_of(model))
     assert found.evaluations == backend.evaluations - before
     assert found.energy_px == whole_energy_px(model, picture, found.pose)
 
@@ -171,7 +176,7 @@ def test_solutions_in_any_order_give_the_same_frame(
     model: Model, truth: Floats, picture_of: PictureOf
 ) -> None:
     start, picture = disturbed(truth, 6)[None], picture_of(truth)
-    pool = Pool(lambda job: solve_limb(model, job.limb, job.window, job.pose, job.settings))
+    pool = pool_of(model)
     backwards = solve_frame(model, picture, start, QUICK, pool)
     forwards = solve_frame(model, picture, start, QUICK, LocalLimbs(model))
     assert_array_equal(backwards.pose, forwards.pose)
@@ -179,7 +184,7 @@ def test_solutions_in_any_order_give_the_same_frame(
 
 
 def test_every_pass_hands_out_four_limbs(model: Model, truth: Floats, picture_of: PictureOf) -> None:
-    pool = Pool(lambda job: solve_limb(model, job.limb, job.window, job.pose, job.settings))
+    pool = pool_of(model)
     relentless = QUICK.model_copy(update={"max_passes": 2, "pass_tolerance": 0.0})
     found = solve_frame(model, picture_of(truth), disturbed(truth, 8)[None], relentless, pool)
     assert found.passes == len(pool.passes) == 2
