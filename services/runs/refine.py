@@ -160,9 +160,8 @@ def _fitted(
     """Fit an actor, in a skirt or a hat if that suits better, to frames (F, P, H, W) that lie apart, from
     poses (F, D)."""
     with clock.stage("fitting the actor") as progress:
-        return fit_actor(
-            rig, seen, as_worn(actor, poses, rig, seen), poses, progress, body, take.settings.actor_height
-        )
+        start = as_worn(actor, poses, rig, seen)
+        return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height)
 
 
 def _with_cameras_placed(take: Take, found: Result, segmenter: Segmenter) -> Take:

@@ -124,7 +124,7 @@ def _turning_edges(
     Seen from the first end to the second, the front face is always on the same side. Empty if one of them
     reaches the camera's plane.
     """
-    # Rows of their own, and no branch below: loops over all faces and edges are three times as fast.
+    # Contiguous rows, and loops without branches: the compiler makes them two to three times as fast.
     normal_x, normal_y, normal_z, offset = planes[0], planes[1], planes[2], planes[3]
     ones, others = sides[0], sides[1]
     front = np.empty(len(offset), np.bool_)
